@@ -1,0 +1,110 @@
+//! Errors of the engine, each with the exit code that the command line returns for it.
+
+use std::path::PathBuf;
+
+use guard4d_kernels::KernelError;
+use miette::Diagnostic;
+use thiserror::Error;
+
+/// Everything that can go wrong in the engine; messages name file, field, expected and found.
+#[derive(Debug, Error, Diagnostic)]
+pub enum EngineError {
+    /// The device layer failed.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Kernel(#[from] KernelError),
+    /// A request that cannot be carried out as asked, such as a message longer than the key's bits.
+    #[error("{what}: {got}, expected {expected}")]
+    #[diagnostic(code(guard4d::usage))]
+    Usage {
+        /// The option or argument.
+        what: String,
+        /// What was given.
+        got: String,
+        /// What is accepted.
+        expected: String,
+    },
+    /// An input file's content is not what its format promises.
+    #[error("{}: {field}: {got}, expected {expected}", path.display())]
+    #[diagnostic(code(guard4d::bad_data))]
+    BadData {
+        /// File that was read.
+        path: PathBuf,
+        /// Field, tensor or section inside it.
+        field: String,
+        /// What was found.
+        got: String,
+        /// What the format or the tool needs.
+        expected: String,
+    },
+    /// An input does not exist.
+    #[error("{}: not found ({expected})", path.display())]
+    #[diagnostic(code(guard4d::missing_input))]
+    MissingInput {
+        /// Path that was asked for.
+        path: PathBuf,
+        /// What should have been there.
+        expected: String,
+    },
+    /// An output cannot be created: it exists, or the place cannot be written.
+    #[error("{}: cannot create: {reason}", path.display())]
+    #[diagnostic(code(guard4d::cannot_create))]
+    CannotCreate {
+        /// Output path.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// Reading or writing failed half-way.
+    #[error("{}: {source}", path.display())]
+    #[diagnostic(code(guard4d::io))]
+    Io {
+        /// File concerned.
+        path: PathBuf,
+        /// The system's own words.
+        source: std::io::Error,
+    },
+    /// An external program is missing or failed.
+    #[error("{program}: {reason}")]
+    #[diagnostic(code(guard4d::program))]
+    Program {
+        /// Program name.
+        program: String,
+        /// What happened, with the end of its own messages.
+        reason: String,
+    },
+    /// The run was interrupted; a valid checkpoint was written.
+    #[error("interrupted; checkpoint at {}", checkpoint.display())]
+    #[diagnostic(
+        code(guard4d::interrupted),
+        help("run the same command with --resume to go on")
+    )]
+    Interrupted {
+        /// Where the state was saved.
+        checkpoint: PathBuf,
+    },
+}
+
+impl EngineError {
+    /// Process exit code (sysexits where one fits; see README, "Exit codes").
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Usage { .. } => 2,
+            Self::BadData { .. } => 65,
+            Self::MissingInput { .. } => 66,
+            Self::Kernel(
+                KernelError::NoDriver { .. }
+                | KernelError::NoDevice { .. }
+                | KernelError::Unsuitable { .. }
+                | KernelError::Allocation { .. },
+            )
+            | Self::Program { .. } => 69,
+            Self::Kernel(KernelError::DeviceLost { .. }) => 76,
+            Self::Kernel(_) => 70,
+            Self::CannotCreate { .. } => 73,
+            Self::Io { .. } => 74,
+            Self::Interrupted { .. } => 75,
+        }
+    }
+}

@@ -1,0 +1,83 @@
+//! Errors of the kernel layer.
+
+use miette::Diagnostic;
+use thiserror::Error;
+
+/// Everything that can go wrong between a host wrapper and the device.
+#[derive(Debug, Error, Diagnostic)]
+pub enum KernelError {
+    /// A buffer's length does not fit the shapes documented at the top of the shader.
+    #[error("{kernel}: `{buffer}` is {got}, expected {expected}")]
+    #[diagnostic(
+        code(guard4d::kernels::shape),
+        help("shapes are listed at the top of glsl/{kernel}*.comp")
+    )]
+    Shape {
+        /// Registry stem, `family/op`.
+        kernel: &'static str,
+        /// Name of the offending buffer.
+        buffer: &'static str,
+        /// What was passed.
+        got: String,
+        /// What the kernel needs.
+        expected: String,
+    },
+    /// No Vulkan loader or no driver on this machine.
+    #[error("no Vulkan driver could be loaded: {reason}")]
+    #[diagnostic(
+        code(guard4d::kernels::no_driver),
+        help("install a Vulkan driver; on Debian/Ubuntu: apt-get install libvulkan1 mesa-vulkan-drivers")
+    )]
+    NoDriver {
+        /// The loader's own words.
+        reason: String,
+    },
+    /// No device fits the selection.
+    #[error("no Vulkan device fits `{wanted}`; present: {present}")]
+    #[diagnostic(
+        code(guard4d::kernels::no_device),
+        help("`guard4d devices` lists what this machine has")
+    )]
+    NoDevice {
+        /// The selection, as the user wrote it.
+        wanted: String,
+        /// Names of the devices found.
+        present: String,
+    },
+    /// The device lacks something that every kernel needs.
+    #[error("device `{device}` lacks {what}")]
+    #[diagnostic(code(guard4d::kernels::unsuitable))]
+    Unsuitable {
+        /// Device name.
+        device: String,
+        /// The missing feature or the limit that is too small.
+        what: String,
+    },
+    /// A device allocation failed.
+    #[error("cannot allocate {bytes} bytes for `{name}`: {reason}")]
+    #[diagnostic(code(guard4d::kernels::allocation))]
+    Allocation {
+        /// Buffer name.
+        name: String,
+        /// Requested size.
+        bytes: u64,
+        /// The allocator's own words.
+        reason: String,
+    },
+    /// The device was lost while a submission ran.
+    #[error("the device was lost; the last pass that finished was `{last_pass}`")]
+    #[diagnostic(code(guard4d::kernels::device_lost))]
+    DeviceLost {
+        /// Stem of the last dispatch known to have finished.
+        last_pass: String,
+    },
+    /// Any other Vulkan call failed.
+    #[error("{call} failed: {code}")]
+    #[diagnostic(code(guard4d::kernels::vulkan))]
+    Vulkan {
+        /// Vulkan entry point.
+        call: &'static str,
+        /// Result code in words.
+        code: String,
+    },
+}
