@@ -1,1 +1,3 @@
-fn main(){}
+//! The `guard4d` command.
+
+fn main() {}
