@@ -2,5 +2,6 @@
 #![forbid(unsafe_code)]
 
 pub mod error;
+pub mod tensor_file;
 
 pub use error::EngineError;
