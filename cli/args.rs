@@ -1,0 +1,293 @@
+//! The command line: one type per subcommand, one doc comment per flag.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use guard4d_kernels::DeviceSelect;
+
+/// Writes an owner's message into 4D Gaussian splat assets and reads it back from rendered video.
+#[derive(Debug, Parser)]
+#[command(name = "guard4d", version, after_help = EXIT_CODES)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+    #[command(flatten)]
+    pub(crate) common: Common,
+}
+
+/// Shown below `--help`; `EngineError::exit_code` and `Outcome` give these numbers.
+const EXIT_CODES: &str = "Exit codes:
+  0   done; verify: the mark is present
+  1   verify: absent; embed: the quality gate was missed (the receipt has the numbers)
+  2   wrong usage
+  4   verify: inconclusive
+  65  an input's content is wrong          66  an input is missing
+  69  no suitable device or program        70  internal error
+  73  an output cannot be created          74  reading or writing failed
+  75  interrupted, checkpoint written      76  the device was lost";
+
+/// Flags of every subcommand.
+#[derive(Args, Debug)]
+pub(crate) struct Common {
+    /// Vulkan device: auto, cpu, a number of `guard4d devices`, name:…, uuid:… or pci:…
+    #[arg(long, global = true, default_value = "auto", env = "GUARD4D_DEVICE")]
+    pub(crate) device: DeviceSelect,
+    /// Print results as JSON on stdout
+    #[arg(long, global = true)]
+    pub(crate) json: bool,
+    /// More talk on stderr; twice for every dispatch
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub(crate) verbose: u8,
+    /// No progress bar and no notes on stderr
+    #[arg(short, long, global = true)]
+    pub(crate) quiet: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Marks the embedded scene, renders it to 8-bit video and reads the mark back
+    Demo(DemoArgs),
+    /// Makes an owner key: token table and message decoder, derived from a master secret
+    Keygen(KeygenArgs),
+    /// Writes a message into a model, or takes it out again with --undo
+    Embed(EmbedArgs),
+    /// Reads a mark from video and says how sure that is
+    Verify(VerifyArgs),
+    /// Renders a model to 8-bit frames or a video
+    Render(RenderArgs),
+    /// Says what a model, key or receipt holds
+    Inspect(InspectArgs),
+    /// Lists the Vulkan devices
+    Devices,
+    /// Writes what single kernels compute, for comparison with other implementations
+    #[command(subcommand)]
+    Dump(DumpCommand),
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct DemoArgs {
+    /// Folder for frames, videos, key and receipt
+    #[arg(long, default_value = "guard4d-demo")]
+    pub(crate) out: PathBuf,
+    /// Replace what is there
+    #[arg(short = 'w', long)]
+    pub(crate) overwrite: bool,
+    /// Seed of cameras and noise
+    #[arg(long, default_value_t = 0)]
+    pub(crate) seed: u64,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct KeygenArgs {
+    /// CLIP checkpoint: `mini` (embedded) or a folder with config.json and model.safetensors
+    #[arg(long, default_value = "mini")]
+    pub(crate) clip: String,
+    /// Message bits, a multiple of 8
+    #[arg(long, default_value_t = 16)]
+    pub(crate) bits: u32,
+    /// Key file to write; keep it private
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+    /// File with a 64-digit hex master secret, instead of a fresh random one
+    #[arg(long)]
+    pub(crate) secret: Option<PathBuf>,
+    /// Replace an existing key
+    #[arg(short = 'w', long)]
+    pub(crate) overwrite: bool,
+}
+
+/// Where the views of a rendering come from.
+#[derive(Args, Debug)]
+pub(crate) struct ViewArgs {
+    /// D-NeRF transforms JSON
+    #[arg(long, conflicts_with = "orbit")]
+    pub(crate) cameras: Option<PathBuf>,
+    /// This many views on a circle around the scene instead
+    #[arg(long)]
+    pub(crate) orbit: Option<u32>,
+    /// Elevation of the orbit in degrees above the horizon
+    #[arg(long, default_value_t = 30.0, allow_negative_numbers = true)]
+    pub(crate) elevation: f32,
+    /// Radius of the orbit in scene units
+    #[arg(long, default_value_t = 4.0)]
+    pub(crate) radius: f32,
+    /// Horizontal field of view of the orbit in degrees
+    #[arg(long, default_value_t = 39.6)]
+    pub(crate) fov: f32,
+    /// Frames per view of the orbit, spread over the whole motion
+    #[arg(long, default_value_t = 8)]
+    pub(crate) frames: u32,
+    /// Picture size WIDTHxHEIGHT
+    #[arg(long, default_value = "400x400", value_parser = parse_size)]
+    pub(crate) size: (u32, u32),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ProfileArg {
+    /// Fast and coarse, for a first look
+    Draft,
+    /// The default
+    Balanced,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ExtractorArg {
+    /// CLIP and the decoder alone: exact p-values
+    None,
+    /// A front end that never saw the message: exact p-values
+    Blind,
+    /// The paper's front end, trained with the message: only empirical false-positive rates
+    Joint,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct EmbedArgs {
+    /// 4DGaussians model folder or static INRIA PLY; with --undo the marked one
+    pub(crate) model: PathBuf,
+    /// Owner key
+    #[arg(long, required_unless_present = "undo")]
+    pub(crate) key: Option<PathBuf>,
+    /// hex:…, bits:… or random (derived from the key and the model)
+    #[arg(long, default_value = "random")]
+    pub(crate) message: String,
+    #[command(flatten)]
+    pub(crate) views: ViewArgs,
+    /// Folder for the marked model, the private files and a preview
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+    /// How much work to spend
+    #[arg(long, value_enum, default_value = "balanced")]
+    pub(crate) profile: ProfileArg,
+    /// Extractor mode
+    #[arg(long, value_enum, default_value = "joint")]
+    pub(crate) extractor: ExtractorArg,
+    /// Training steps instead of the profile's
+    #[arg(long)]
+    pub(crate) steps: Option<u32>,
+    /// Fidelity to hold, in dB over whole frames, instead of the profile's
+    #[arg(long)]
+    pub(crate) target_psnr: Option<f32>,
+    /// Seed of cameras and noise
+    #[arg(long, default_value_t = 0)]
+    pub(crate) seed: u64,
+    /// Write a checkpoint this often, in seconds
+    #[arg(long, default_value_t = 60)]
+    pub(crate) checkpoint_every: u64,
+    /// Go on from the checkpoint of an interrupted run with the same arguments
+    #[arg(long)]
+    pub(crate) resume: bool,
+    /// Restore the original from a marked model and this private undo.safetensors
+    #[arg(long, value_name = "FILE")]
+    pub(crate) undo: Option<PathBuf>,
+    /// Replace what is there
+    #[arg(short = 'w', long)]
+    pub(crate) overwrite: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct VerifyArgs {
+    /// PNG folders or video files
+    #[arg(required = true)]
+    pub(crate) clips: Vec<PathBuf>,
+    /// Owner key
+    #[arg(long)]
+    pub(crate) key: PathBuf,
+    /// Receipt of the embedding; its folder holds the extractor
+    #[arg(long)]
+    pub(crate) receipt: PathBuf,
+    /// The unmarked model, when the owner has it: its clean render is a control
+    #[arg(long)]
+    pub(crate) original: Option<PathBuf>,
+    /// Clips that surely carry no mark, as further controls
+    #[arg(long)]
+    pub(crate) unrelated: Vec<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct RenderArgs {
+    /// 4DGaussians model folder or static INRIA PLY
+    pub(crate) model: PathBuf,
+    #[command(flatten)]
+    pub(crate) views: ViewArgs,
+    /// Folder for PNG frames, or a .mp4 file
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+    /// Frames per second of a video
+    #[arg(long, default_value_t = 24)]
+    pub(crate) fps: u32,
+    /// H.264 quality of a video: 0 best, 51 worst
+    #[arg(long, default_value_t = 12)]
+    pub(crate) crf: u32,
+    /// Replace what is there
+    #[arg(short = 'w', long)]
+    pub(crate) overwrite: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct InspectArgs {
+    /// Model folder, PLY, key or receipt
+    pub(crate) path: PathBuf,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum DumpCommand {
+    /// Deformed splats of a model at one time
+    Deform {
+        /// 4DGaussians model folder
+        model: PathBuf,
+        /// Time in [0, 1]
+        #[arg(long)]
+        time: f32,
+        /// safetensors to write
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Picture, transmittance and SH gradient of one view
+    Render {
+        /// 4DGaussians model folder or static INRIA PLY
+        model: PathBuf,
+        /// Camera JSON
+        #[arg(long)]
+        camera: PathBuf,
+        /// Time in [0, 1]
+        #[arg(long, default_value_t = 0.0)]
+        time: f32,
+        /// safetensors with `dL_dimage` [H,W,3]
+        #[arg(long)]
+        v_image: Option<PathBuf>,
+        /// safetensors to write
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// CLIP features and the gradient to the pixels
+    Clip {
+        /// `mini` or a checkpoint folder
+        #[arg(long, default_value = "mini")]
+        clip: String,
+        #[command(flatten)]
+        io: DumpIo,
+    },
+    /// 3D convolution, forward and backward
+    Conv3d(DumpIo),
+    /// SSIM value and gradient
+    Ssim(DumpIo),
+}
+
+/// Input and output of a dump.
+#[derive(Args, Debug)]
+pub(crate) struct DumpIo {
+    /// safetensors to read
+    #[arg(long)]
+    pub(crate) input: PathBuf,
+    /// safetensors to write
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+}
+
+fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    let parsed = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    match parsed {
+        Some((w, h)) if (16..=8192).contains(&w) && (16..=8192).contains(&h) => Ok((w, h)),
+        _ => Err(format!("`{text}`: expected WIDTHxHEIGHT, each from 16 to 8192")),
+    }
+}
