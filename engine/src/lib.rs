@@ -2,5 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod error;
+pub mod media;
+pub mod watermark;
 
 pub use error::EngineError;
