@@ -1,1 +1,7 @@
+//! All integration tests in one binary: one link, shared helpers.
 
+#![allow(clippy::cast_possible_truncation, reason = "test sizes are small")]
+
+mod kernels;
+mod support;
+mod tidy;

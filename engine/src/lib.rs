@@ -3,6 +3,7 @@
 
 pub mod error;
 pub mod media;
+pub mod tensor_file;
 pub mod watermark;
 
 pub use error::EngineError;

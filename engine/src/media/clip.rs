@@ -34,10 +34,7 @@ impl FrameRate {
     /// Whole frames per second.
     #[must_use]
     pub const fn per_second(frames: NonZeroU32) -> Self {
-        Self {
-            frames,
-            seconds: NonZeroU32::MIN,
-        }
+        Self { frames, seconds: NonZeroU32::MIN }
     }
 }
 
@@ -104,12 +101,7 @@ pub struct ReadOptions {
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self {
-            ffmpeg: Ffmpeg::default(),
-            background: [0; 3],
-            max_frames: None,
-            max_bytes: 4 << 30,
-        }
+        Self { ffmpeg: Ffmpeg::default(), background: [0; 3], max_frames: None, max_bytes: 4 << 30 }
     }
 }
 
@@ -134,8 +126,7 @@ pub fn read_clip(path: &Path, options: &ReadOptions) -> Result<Clip, EngineError
             expected: "a folder of PNG frames or a video file".to_owned(),
         });
     }
-    let (frame_rate, integrity) =
-        decode::for_each_frame(path, options, &mut |frame| collector.push(frame, path))?;
+    let (frame_rate, integrity) = decode::for_each_frame(path, options, &mut |frame| collector.push(frame, path))?;
     collector.finish(frame_rate, integrity)
 }
 
@@ -148,12 +139,7 @@ struct Collector<'a> {
 
 impl<'a> Collector<'a> {
     const fn new(path: &'a Path, options: &ReadOptions) -> Self {
-        Self {
-            path,
-            max_bytes: options.max_bytes,
-            num_bytes: 0,
-            frames: Vec::new(),
-        }
+        Self { path, max_bytes: options.max_bytes, num_bytes: 0, frames: Vec::new() }
     }
 
     fn push(&mut self, frame: Frame, file: &Path) -> Result<(), EngineError> {
@@ -180,11 +166,7 @@ impl<'a> Collector<'a> {
         Ok(())
     }
 
-    fn finish(
-        self,
-        frame_rate: Option<FrameRate>,
-        integrity: Integrity,
-    ) -> Result<Clip, EngineError> {
+    fn finish(self, frame_rate: Option<FrameRate>, integrity: Integrity) -> Result<Clip, EngineError> {
         if self.frames.is_empty() {
             return Err(EngineError::BadData {
                 path: self.path.to_path_buf(),
@@ -193,10 +175,6 @@ impl<'a> Collector<'a> {
                 expected: "at least one".to_owned(),
             });
         }
-        Ok(Clip {
-            frames: self.frames,
-            frame_rate,
-            integrity,
-        })
+        Ok(Clip { frames: self.frames, frame_rate, integrity })
     }
 }

@@ -102,31 +102,20 @@ fn probe(path: &Path, options: &ReadOptions) -> Result<Stream, EngineError> {
     let mut running = spawn(program, &mut command)?;
     let mut json = Vec::new();
     if let Some(mut stdout) = running.child.stdout.take() {
-        stdout
-            .read_to_end(&mut json)
-            .map_err(|source| EngineError::Io {
-                path: path.to_path_buf(),
-                source,
-            })?;
+        stdout.read_to_end(&mut json).map_err(|source| EngineError::Io { path: path.to_path_buf(), source })?;
     }
     let ended = running.wait()?;
     if !ended.success {
         return Err(undecodable(path, "container", &ended.messages));
     }
-    let probe: Probe = serde_json::from_slice(&json)
-        .map_err(|error| undecodable(path, "container", &error.to_string()))?;
+    let probe: Probe =
+        serde_json::from_slice(&json).map_err(|error| undecodable(path, "container", &error.to_string()))?;
     let mut streams = probe.streams.into_iter();
-    streams
-        .next()
-        .ok_or_else(|| undecodable(path, "streams", "no video stream"))
+    streams.next().ok_or_else(|| undecodable(path, "streams", "no video stream"))
 }
 
 fn undecodable(path: &Path, field: &str, messages: &str) -> EngineError {
-    let got = if messages.is_empty() {
-        "nothing decodable"
-    } else {
-        messages
-    };
+    let got = if messages.is_empty() { "nothing decodable" } else { messages };
     EngineError::BadData {
         path: path.to_path_buf(),
         field: field.to_owned(),
@@ -137,18 +126,15 @@ fn undecodable(path: &Path, field: &str, messages: &str) -> EngineError {
 
 /// Names of planar and packed formats with an alpha plane.
 fn has_alpha(pixel_format: &str) -> bool {
-    let packed = [
-        "rgba", "bgra", "argb", "abgr", "gbrap", "ya8", "ya16", "pal8",
-    ];
+    let packed = ["rgba", "bgra", "argb", "abgr", "gbrap", "ya8", "ya16", "pal8"];
     pixel_format.starts_with("yuva") || packed.iter().any(|name| pixel_format.starts_with(name))
 }
 
 /// Scale filter that fixes matrix and range of a luma-chroma stream; none for RGB.
 fn conversion(stream: &Stream) -> Option<String> {
     let format = stream.pix_fmt.as_deref().unwrap_or_default();
-    let is_luma = ["yuv", "nv", "p0", "gray", "ya", "uyvy", "vuy", "y2"]
-        .iter()
-        .any(|prefix| format.starts_with(prefix));
+    let is_luma =
+        ["yuv", "nv", "p0", "gray", "ya", "uyvy", "vuy", "y2"].iter().any(|prefix| format.starts_with(prefix));
     if !is_luma {
         return None;
     }
@@ -173,34 +159,21 @@ fn conversion(stream: &Stream) -> Option<String> {
 fn parse_rate(text: &str) -> Option<FrameRate> {
     let (frames, seconds) = text.split_once('/')?;
     let number = |digits: &str| digits.parse().ok().and_then(NonZeroU32::new);
-    Some(FrameRate {
-        frames: number(frames)?,
-        seconds: number(seconds)?,
-    })
+    Some(FrameRate { frames: number(frames)?, seconds: number(seconds)? })
 }
 
 /// Reads one picture in Netpbm's PAM form (`P7`, header lines, `ENDHDR`, samples); none at the end.
-fn read_pam(
-    stdout: &mut BufReader<ChildStdout>,
-    background: [u8; 3],
-) -> Result<Option<Frame>, EngineError> {
+fn read_pam(stdout: &mut BufReader<ChildStdout>, background: [u8; 3]) -> Result<Option<Frame>, EngineError> {
     let (mut width, mut height, mut depth) = (0, 0, 0);
     let mut line = String::new();
     loop {
         line.clear();
         let count = stdout.by_ref().take(MAX_HEADER_LINE).read_line(&mut line);
         if count.map_err(|error| broken(&error.to_string()))? == 0 {
-            return if depth == 0 {
-                Ok(None)
-            } else {
-                Err(broken("a cut header"))
-            };
+            return if depth == 0 { Ok(None) } else { Err(broken("a cut header")) };
         }
         let mut words = line.split_whitespace();
-        let (name, value) = (
-            words.next(),
-            words.next().and_then(|word| word.parse().ok()),
-        );
+        let (name, value) = (words.next(), words.next().and_then(|word| word.parse().ok()));
         match (name, value) {
             (Some("WIDTH"), Some(value)) => width = value,
             (Some("HEIGHT"), Some(value)) => height = value,
@@ -215,9 +188,7 @@ fn read_pam(
         return Err(broken(&format!("{width} x {height} px, {depth} channels")));
     }
     let mut samples = vec![0; width as usize * height as usize * depth as usize];
-    stdout
-        .read_exact(&mut samples)
-        .map_err(|_| broken("a cut frame"))?;
+    stdout.read_exact(&mut samples).map_err(|_| broken("a cut frame"))?;
     if depth == 4 {
         return Frame::from_rgba8(width, height, &samples, background).map(Some);
     }
@@ -225,8 +196,5 @@ fn read_pam(
 }
 
 fn broken(got: &str) -> EngineError {
-    EngineError::Program {
-        program: "ffmpeg".to_owned(),
-        reason: format!("its output holds {got}"),
-    }
+    EngineError::Program { program: "ffmpeg".to_owned(), reason: format!("its output holds {got}") }
 }

@@ -66,11 +66,7 @@ impl Mp4Writer {
     /// # Errors
     /// [`EngineError::CannotCreate`] if `path` exists or its folder does not; [`EngineError::Usage`] for odd
     /// sizes (see [`OddSize`]) or a bad crf; [`EngineError::Program`] without ffmpeg.
-    pub fn start(
-        path: &Path,
-        size_px: (u32, u32),
-        options: &EncodeOptions,
-    ) -> Result<Self, EngineError> {
+    pub fn start(path: &Path, size_px: (u32, u32), options: &EncodeOptions) -> Result<Self, EngineError> {
         check(path, size_px, options)?;
         let program = options.ffmpeg.ffmpeg.clone();
         let mut command = Command::new(&program);
@@ -162,11 +158,7 @@ impl Drop for Mp4Writer {
 ///
 /// # Errors
 /// [`EngineError::Usage`] for no frames or frames of different sizes; those of [`Mp4Writer`].
-pub fn write_mp4(
-    path: &Path,
-    frames: &[Frame],
-    options: &EncodeOptions,
-) -> Result<(), EngineError> {
+pub fn write_mp4(path: &Path, frames: &[Frame], options: &EncodeOptions) -> Result<(), EngineError> {
     let first = frames.first().ok_or_else(|| EngineError::Usage {
         what: "frames to encode".to_owned(),
         got: "none".to_owned(),
@@ -184,10 +176,7 @@ const TO_BT709: &str = "scale=out_color_matrix=bt709:in_range=pc:out_range=tv:\
                         flags=bicubic+accurate_rnd+full_chroma_int+full_chroma_inp,format=yuv420p";
 
 fn check(path: &Path, size_px: (u32, u32), options: &EncodeOptions) -> Result<(), EngineError> {
-    let cannot = |reason: &str| EngineError::CannotCreate {
-        path: path.to_path_buf(),
-        reason: reason.to_owned(),
-    };
+    let cannot = |reason: &str| EngineError::CannotCreate { path: path.to_path_buf(), reason: reason.to_owned() };
     if path.exists() {
         return Err(cannot("it exists"));
     }

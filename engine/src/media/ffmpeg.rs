@@ -23,10 +23,7 @@ pub struct Ffmpeg {
 impl Default for Ffmpeg {
     /// The programs of that name on the search path.
     fn default() -> Self {
-        Self {
-            ffmpeg: PathBuf::from("ffmpeg"),
-            ffprobe: PathBuf::from("ffprobe"),
-        }
+        Self { ffmpeg: PathBuf::from("ffmpeg"), ffprobe: PathBuf::from("ffprobe") }
     }
 }
 
@@ -39,17 +36,10 @@ pub(super) fn file_argument(path: &Path) -> OsString {
 
 /// Starts a program with piped streams.
 pub(super) fn spawn(program: &Path, command: &mut Command) -> Result<Running, EngineError> {
-    let child = command
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn();
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
     let mut child = child.map_err(|error| failed(program, &explain(&error)))?;
     let stderr = child.stderr.take().expect("stderr was piped above");
-    Ok(Running {
-        program: program.to_path_buf(),
-        child,
-        messages: Some(std::thread::spawn(move || tail(stderr))),
-    })
+    Ok(Running { program: program.to_path_buf(), child, messages: Some(std::thread::spawn(move || tail(stderr))) })
 }
 
 fn explain(error: &std::io::Error) -> String {
@@ -63,10 +53,7 @@ fn explain(error: &std::io::Error) -> String {
 
 /// Error of a program.
 pub(super) fn failed(program: &Path, reason: &str) -> EngineError {
-    EngineError::Program {
-        program: program.display().to_string(),
-        reason: reason.to_owned(),
-    }
+    EngineError::Program { program: program.display().to_string(), reason: reason.to_owned() }
 }
 
 /// Reads everything, so that the child never blocks, and keeps the end.
@@ -97,15 +84,9 @@ pub(super) struct Ended {
 impl Running {
     /// Waits for the end. Standard input must have been closed and standard output read.
     pub(super) fn wait(mut self) -> Result<Ended, EngineError> {
-        let status = self
-            .child
-            .wait()
-            .map_err(|error| failed(&self.program, &error.to_string()))?;
+        let status = self.child.wait().map_err(|error| failed(&self.program, &error.to_string()))?;
         let messages = self.messages.take().map(JoinHandle::join);
-        Ok(Ended {
-            success: status.success(),
-            messages: messages.and_then(Result::ok).unwrap_or_default(),
-        })
+        Ok(Ended { success: status.success(), messages: messages.and_then(Result::ok).unwrap_or_default() })
     }
 }
 

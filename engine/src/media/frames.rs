@@ -75,22 +75,14 @@ impl Frame {
     #[must_use]
     pub fn to_rgba32f(&self) -> Vec<f32> {
         let unit = |level: u8| f32::from(level) / 255.0;
-        self.rgb
-            .chunks_exact(3)
-            .flat_map(|p| [unit(p[0]), unit(p[1]), unit(p[2]), 0.0])
-            .collect()
+        self.rgb.chunks_exact(3).flat_map(|p| [unit(p[0]), unit(p[1]), unit(p[2]), 0.0]).collect()
     }
 
     /// Lays RGBA samples `[H, W, 4]` with straight alpha over a background.
     ///
     /// # Errors
     /// [`EngineError::Usage`] if the picture is empty or the length is not 4·H·W.
-    pub fn from_rgba8(
-        width: u32,
-        height: u32,
-        rgba: &[u8],
-        background: [u8; 3],
-    ) -> Result<Self, EngineError> {
+    pub fn from_rgba8(width: u32, height: u32, rgba: &[u8], background: [u8; 3]) -> Result<Self, EngineError> {
         check_length(width, height, 4, rgba.len())?;
         let over = |colour: u8, behind: u8, alpha: u8| {
             let (alpha, rest) = (u32::from(alpha), 255 - u32::from(alpha));
@@ -132,14 +124,9 @@ fn round_to_u8(colour: f32) -> u8 {
 /// [`EngineError::MissingInput`] if the folder is missing or holds no PNG, [`EngineError::Io`] if it
 /// cannot be listed.
 pub fn list_png_folder(folder: &Path) -> Result<Vec<PathBuf>, EngineError> {
-    let missing = |expected: &str| EngineError::MissingInput {
-        path: folder.to_path_buf(),
-        expected: expected.to_owned(),
-    };
-    let io = |source| EngineError::Io {
-        path: folder.to_path_buf(),
-        source,
-    };
+    let missing =
+        |expected: &str| EngineError::MissingInput { path: folder.to_path_buf(), expected: expected.to_owned() };
+    let io = |source| EngineError::Io { path: folder.to_path_buf(), source };
     if !folder.is_dir() {
         return Err(missing("a folder of PNG frames"));
     }
@@ -164,17 +151,12 @@ pub fn list_png_folder(folder: &Path) -> Result<Vec<PathBuf>, EngineError> {
 /// [`EngineError::MissingInput`], [`EngineError::BadData`] if it is no PNG, [`EngineError::Io`].
 pub fn read_png(path: &Path, background: [u8; 3]) -> Result<Frame, EngineError> {
     let file = fs::File::open(path).map_err(|source| match source.kind() {
-        std::io::ErrorKind::NotFound => EngineError::MissingInput {
-            path: path.to_path_buf(),
-            expected: "a PNG file".to_owned(),
-        },
-        _ => EngineError::Io {
-            path: path.to_path_buf(),
-            source,
-        },
+        std::io::ErrorKind::NotFound => {
+            EngineError::MissingInput { path: path.to_path_buf(), expected: "a PNG file".to_owned() }
+        }
+        _ => EngineError::Io { path: path.to_path_buf(), source },
     })?;
-    let mut reader =
-        image::ImageReader::with_format(std::io::BufReader::new(file), ImageFormat::Png);
+    let mut reader = image::ImageReader::with_format(std::io::BufReader::new(file), ImageFormat::Png);
     reader.limits(image::Limits::default());
     let picture = reader.decode().map_err(|error| EngineError::BadData {
         path: path.to_path_buf(),
@@ -207,10 +189,7 @@ pub fn write_png_folder(folder: &Path, frames: &[Frame]) -> Result<(), EngineErr
 /// # Errors
 /// [`EngineError::CannotCreate`] if it cannot be made or already holds PNG files.
 pub fn prepare_png_folder(folder: &Path) -> Result<(), EngineError> {
-    let cannot = |reason: String| EngineError::CannotCreate {
-        path: folder.to_path_buf(),
-        reason,
-    };
+    let cannot = |reason: String| EngineError::CannotCreate { path: folder.to_path_buf(), reason };
     fs::create_dir_all(folder).map_err(|error| cannot(error.to_string()))?;
     if list_png_folder(folder).is_ok() {
         return Err(cannot("the folder already holds PNG files".to_owned()));
@@ -229,24 +208,14 @@ pub fn png_name(index: usize) -> String {
 /// # Errors
 /// [`EngineError::CannotCreate`] if it exists or cannot be made, [`EngineError::Io`] if writing fails.
 pub fn write_png(path: &Path, frame: &Frame) -> Result<(), EngineError> {
-    let file = fs::File::create_new(path).map_err(|error| EngineError::CannotCreate {
-        path: path.to_path_buf(),
-        reason: error.to_string(),
-    })?;
+    let file = fs::File::create_new(path)
+        .map_err(|error| EngineError::CannotCreate { path: path.to_path_buf(), reason: error.to_string() })?;
     let mut out = std::io::BufWriter::new(file);
     PngEncoder::new(&mut out)
-        .write_image(
-            &frame.rgb,
-            frame.width,
-            frame.height,
-            ExtendedColorType::Rgb8,
-        )
+        .write_image(&frame.rgb, frame.width, frame.height, ExtendedColorType::Rgb8)
         .map_err(std::io::Error::other)
         .and_then(|()| out.flush())
-        .map_err(|source| EngineError::Io {
-            path: path.to_path_buf(),
-            source,
-        })
+        .map_err(|source| EngineError::Io { path: path.to_path_buf(), source })
 }
 
 fn is_png_name(path: &Path) -> bool {
@@ -256,9 +225,7 @@ fn is_png_name(path: &Path) -> bool {
 }
 
 fn file_name(path: &Path) -> String {
-    path.file_name()
-        .map(|name| name.to_string_lossy().into_owned())
-        .unwrap_or_default()
+    path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
 /// Compares names with runs of digits as numbers; equal numbers fall back to the plain order.
@@ -271,13 +238,9 @@ fn natural_key(name: &str) -> Vec<(String, usize, String)> {
     let mut key = Vec::new();
     let mut rest = name;
     while !rest.is_empty() {
-        let text_end = rest
-            .find(|c: char| c.is_ascii_digit())
-            .unwrap_or(rest.len());
+        let text_end = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
         let (text, tail) = rest.split_at(text_end);
-        let digits_end = tail
-            .find(|c: char| !c.is_ascii_digit())
-            .unwrap_or(tail.len());
+        let digits_end = tail.find(|c: char| !c.is_ascii_digit()).unwrap_or(tail.len());
         let (digits, tail) = tail.split_at(digits_end);
         let number = digits.trim_start_matches('0');
         key.push((text.to_lowercase(), number.len(), number.to_owned()));

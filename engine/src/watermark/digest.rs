@@ -30,20 +30,12 @@ impl Digest {
     /// # Errors
     /// [`EngineError::MissingInput`] if there is no such file, [`EngineError::Io`] if reading fails.
     pub fn of_file(path: &Path) -> Result<Self, EngineError> {
-        let io = |source| EngineError::Io {
-            path: path.to_path_buf(),
-            source,
-        };
+        let io = |source| EngineError::Io { path: path.to_path_buf(), source };
         if !path.is_file() {
-            return Err(EngineError::MissingInput {
-                path: path.to_path_buf(),
-                expected: "a file to hash".to_owned(),
-            });
+            return Err(EngineError::MissingInput { path: path.to_path_buf(), expected: "a file to hash".to_owned() });
         }
         let mut hasher = blake3::Hasher::new();
-        hasher
-            .update_reader(File::open(path).map_err(io)?)
-            .map_err(io)?;
+        hasher.update_reader(File::open(path).map_err(io)?).map_err(io)?;
         Ok(Self(*hasher.finalize().as_bytes()))
     }
 
@@ -83,7 +75,6 @@ impl Serialize for Digest {
 impl<'de> Deserialize<'de> for Digest {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let text = String::deserialize(deserializer)?;
-        Self::from_hex(&text)
-            .ok_or_else(|| de::Error::custom(format!("`{text}` is not 64 hexadecimal digits")))
+        Self::from_hex(&text).ok_or_else(|| de::Error::custom(format!("`{text}` is not 64 hexadecimal digits")))
     }
 }

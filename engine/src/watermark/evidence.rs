@@ -87,11 +87,7 @@ impl Thresholds {
     pub fn validate(&self) -> Result<(), EngineError> {
         let rate = |r: f64| r > 0.0 && r < 1.0;
         let usage = |what: &str, got: String, expected: &str| {
-            Err(EngineError::Usage {
-                what: format!("threshold `{what}`"),
-                got,
-                expected: expected.to_owned(),
-            })
+            Err(EngineError::Usage { what: format!("threshold `{what}`"), got, expected: expected.to_owned() })
         };
         if !rate(self.fpr) {
             return usage("fpr", self.fpr.to_string(), "between 0 and 1");
@@ -196,30 +192,18 @@ impl fmt::Display for Reason {
             Self::Passes { p_value, fpr } => {
                 write!(f, "p = {p_value:.2e} reaches the threshold {fpr:.0e}")
             }
-            Self::AtChance {
-                p_value,
-                absent_above,
-            } => {
-                write!(
-                    f,
-                    "p = {p_value:.2} is what chance gives (above {absent_above})"
-                )
+            Self::AtChance { p_value, absent_above } => {
+                write!(f, "p = {p_value:.2} is what chance gives (above {absent_above})")
             }
             Self::Weak { p_value, fpr } => {
-                write!(
-                    f,
-                    "p = {p_value:.2e} misses the threshold {fpr:.0e}; more frames or views may decide"
-                )
+                write!(f, "p = {p_value:.2e} misses the threshold {fpr:.0e}; more frames or views may decide")
             }
             Self::TooFewFrames { got, needed } => write!(f, "{got} frames, {needed} needed"),
             Self::FramesTooSmall { got_px, needed_px } => {
                 write!(f, "frames of {got_px} px, {needed_px} px needed")
             }
             Self::CannotReach { best_p_value, fpr } => {
-                write!(
-                    f,
-                    "at best p = {best_p_value:.1e} is possible here, the threshold is {fpr:.0e}"
-                )
+                write!(f, "at best p = {best_p_value:.1e} is possible here, the threshold is {fpr:.0e}")
             }
             Self::ControlFires { control, name } => {
                 write!(f, "the control \"{control}\" ({name}) is not at chance")
@@ -275,21 +259,12 @@ pub struct Evidence {
 ///
 /// # Errors
 /// [`EngineError::Usage`] for inconsistent lengths or thresholds.
-pub fn judge(
-    claim: &Claim<'_>,
-    thresholds: &Thresholds,
-    prf: &Prf,
-) -> Result<Evidence, EngineError> {
+pub fn judge(claim: &Claim<'_>, thresholds: &Thresholds, prf: &Prf) -> Result<Evidence, EngineError> {
     thresholds.validate()?;
-    let Claim {
-        message, reading, ..
-    } = claim;
+    let Claim { message, reading, .. } = claim;
     let num_bits = message.num_bits();
     let matches = reading.matches(message)?;
-    let levels = PanelLevels {
-        fpr: thresholds.fpr,
-        control_level: thresholds.control_level,
-    };
+    let levels = PanelLevels { fpr: thresholds.fpr, control_level: thresholds.control_level };
     let panel = NullPanel::run(reading, message, claim.controls, prf, &levels)?;
     let p_value = state_p_value(claim, &panel)?;
     let (verdict, reasons) = decide(claim, thresholds, &p_value, &panel);
@@ -322,35 +297,23 @@ fn state_p_value(claim: &Claim<'_>, panel: &NullPanel) -> Result<PStatement, Eng
         });
     }
     let (num_clips, false_positives) = panel.unrelated_reaching(matches);
-    Ok(PStatement::Empirical {
-        false_positives,
-        num_clips,
-        bound: empirical_fpr_bound(false_positives, num_clips),
-    })
+    Ok(PStatement::Empirical { false_positives, num_clips, bound: empirical_fpr_bound(false_positives, num_clips) })
 }
 
-fn decide(
-    claim: &Claim<'_>,
-    rule: &Thresholds,
-    p_value: &PStatement,
-    panel: &NullPanel,
-) -> (Verdict, Vec<Reason>) {
+fn decide(claim: &Claim<'_>, rule: &Thresholds, p_value: &PStatement, panel: &NullPanel) -> (Verdict, Vec<Reason>) {
     let num_bits = claim.message.num_bits();
     let adjusted = |p: f64| (p * f64::from(rule.num_claims)).min(1.0);
     let (p, best) = match *p_value {
-        PStatement::Exact {
-            matches,
-            soft_score,
-        } => {
+        PStatement::Exact { matches, soft_score } => {
             let p = match rule.statistic {
                 DecisionStatistic::Matches => matches,
                 DecisionStatistic::SoftScore => soft_score,
             };
             (adjusted(p), adjusted(match_p_value(num_bits, num_bits)))
         }
-        PStatement::Empirical {
-            bound, num_clips, ..
-        } => (adjusted(bound), adjusted(empirical_fpr_bound(0, num_clips))),
+        PStatement::Empirical { bound, num_clips, .. } => {
+            (adjusted(bound), adjusted(empirical_fpr_bound(0, num_clips)))
+        }
     };
     let fpr = rule.fpr;
     let mut reasons = insufficient(claim, rule);
@@ -358,32 +321,19 @@ fn decide(
     let fires = |(control, name)| Reason::ControlFires { control, name };
     reasons.extend(panel.firing().into_iter().map(fires));
     let verdict = if p <= fpr {
-        let verdict = if reasons.is_empty() {
-            Verdict::Present
-        } else {
-            Verdict::Inconclusive
-        };
+        let verdict = if reasons.is_empty() { Verdict::Present } else { Verdict::Inconclusive };
         reasons.insert(0, Reason::Passes { p_value: p, fpr });
         verdict
     } else if could_show && p > rule.absent_above {
         let absent_above = rule.absent_above;
-        reasons.insert(
-            0,
-            Reason::AtChance {
-                p_value: p,
-                absent_above,
-            },
-        );
+        reasons.insert(0, Reason::AtChance { p_value: p, absent_above });
         Verdict::Absent
     } else {
         reasons.insert(0, Reason::Weak { p_value: p, fpr });
         Verdict::Inconclusive
     };
     if best > fpr {
-        reasons.push(Reason::CannotReach {
-            best_p_value: best,
-            fpr,
-        });
+        reasons.push(Reason::CannotReach { best_p_value: best, fpr });
     }
     if let PStatement::Empirical { num_clips, .. } = *p_value {
         reasons.push(Reason::EmpiricalOnly { num_clips });
@@ -395,16 +345,10 @@ fn insufficient(claim: &Claim<'_>, rule: &Thresholds) -> Vec<Reason> {
     let mut reasons = Vec::new();
     let got = claim.reading.num_frames();
     if got < rule.min_frames {
-        reasons.push(Reason::TooFewFrames {
-            got,
-            needed: rule.min_frames,
-        });
+        reasons.push(Reason::TooFewFrames { got, needed: rule.min_frames });
     }
     if claim.side_px < rule.min_side_px {
-        reasons.push(Reason::FramesTooSmall {
-            got_px: claim.side_px,
-            needed_px: rule.min_side_px,
-        });
+        reasons.push(Reason::FramesTooSmall { got_px: claim.side_px, needed_px: rule.min_side_px });
     }
     reasons
 }

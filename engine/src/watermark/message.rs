@@ -52,10 +52,7 @@ impl Message {
     pub fn random(num_bits: u32, rng: &mut impl Rng) -> Result<Self, EngineError> {
         check_length(num_bits)?;
         let draw = u128::from(rng.next_u64()) << 64 | u128::from(rng.next_u64());
-        Ok(Self {
-            value: draw & mask(num_bits),
-            num_bits,
-        })
+        Ok(Self { value: draw & mask(num_bits), num_bits })
     }
 
     /// Number of bits, `L`.
@@ -79,10 +76,7 @@ impl Message {
     /// Every bit flipped.
     #[must_use]
     pub const fn inverted(&self) -> Self {
-        Self {
-            value: !self.value & mask(self.num_bits),
-            num_bits: self.num_bits,
-        }
+        Self { value: !self.value & mask(self.num_bits), num_bits: self.num_bits }
     }
 
     /// Number of differing bits.
@@ -118,10 +112,7 @@ impl Message {
     }
 
     fn xor(&self, pad: &Self) -> Self {
-        Self {
-            value: self.value ^ pad.value,
-            num_bits: self.num_bits,
-        }
+        Self { value: self.value ^ pad.value, num_bits: self.num_bits }
     }
 }
 
@@ -180,8 +171,7 @@ impl Payload {
                 expected: format!("{}; keys hold 1 to {MAX_MESSAGE_BITS} bits", expected()),
             });
         }
-        let value =
-            u128::from_str_radix(digits, radix).map_err(|_| unreadable(text, expected()))?;
+        let value = u128::from_str_radix(digits, radix).map_err(|_| unreadable(text, expected()))?;
         Ok(Self::Chosen(Message::from_value(value, num_bits)?))
     }
 
@@ -209,10 +199,7 @@ impl Payload {
 }
 
 fn pad(prf: &Prf, num_bits: u32) -> Result<Message, EngineError> {
-    Message::random(
-        num_bits,
-        &mut prf.stream(Purpose::PayloadPad, u64::from(num_bits)),
-    )
+    Message::random(num_bits, &mut prf.stream(Purpose::PayloadPad, u64::from(num_bits)))
 }
 
 const fn mask(num_bits: u32) -> u128 {
@@ -232,9 +219,5 @@ fn check_length(num_bits: u32) -> Result<(), EngineError> {
 
 fn unreadable(text: &str, expected: String) -> EngineError {
     let shown: String = text.chars().take(80).collect();
-    EngineError::Usage {
-        what: "message".to_owned(),
-        got: format!("`{shown}`"),
-        expected,
-    }
+    EngineError::Usage { what: "message".to_owned(), got: format!("`{shown}`"), expected }
 }

@@ -29,11 +29,7 @@ impl<'a> Picture<'a> {
     /// An 8-bit frame; 255 counts as 1.
     #[must_use]
     pub fn from_frame(frame: &'a Frame) -> Self {
-        Self {
-            width: frame.width(),
-            height: frame.height(),
-            samples: Samples::Rgb8(frame.rgb()),
-        }
+        Self { width: frame.width(), height: frame.height(), samples: Samples::Rgb8(frame.rgb()) }
     }
 
     /// A rendered picture `[H, W, 4]` with colours in [0, 1].
@@ -48,11 +44,7 @@ impl<'a> Picture<'a> {
                 expected: format!("{height} x {width} x 4"),
             });
         }
-        Ok(Self {
-            width,
-            height,
-            samples: Samples::Rgba32f(pixels),
-        })
+        Ok(Self { width, height, samples: Samples::Rgba32f(pixels) })
     }
 
     fn num_pixels(&self) -> usize {
@@ -89,10 +81,7 @@ impl Serialize for Decibels {
         } else if self.0.is_finite() {
             serializer.serialize_f64(self.0)
         } else {
-            Err(serde::ser::Error::custom(format!(
-                "{} dB is no result",
-                self.0
-            )))
+            Err(serde::ser::Error::custom(format!("{} dB is no result", self.0)))
         }
     }
 }
@@ -146,11 +135,7 @@ impl SquaredError {
         Self::over(a, b, |pixel| mask[pixel])
     }
 
-    fn over(
-        a: &Picture<'_>,
-        b: &Picture<'_>,
-        counts: impl Fn(usize) -> bool,
-    ) -> Result<Self, EngineError> {
+    fn over(a: &Picture<'_>, b: &Picture<'_>, counts: impl Fn(usize) -> bool) -> Result<Self, EngineError> {
         a.check_same_size(b)?;
         let mut error = Self::default();
         for pixel in (0..a.num_pixels()).filter(|&pixel| counts(pixel)) {
@@ -208,12 +193,10 @@ impl PsnrSummary {
         if views.is_empty() {
             return None;
         }
-        let pooled = views
-            .iter()
-            .fold(SquaredError::default(), |all, view| SquaredError {
-                sum: all.sum + view.sum,
-                num_samples: all.num_samples + view.num_samples,
-            });
+        let pooled = views.iter().fold(SquaredError::default(), |all, view| SquaredError {
+            sum: all.sum + view.sum,
+            num_samples: all.num_samples + view.num_samples,
+        });
         let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
         let sum_db: f64 = views.iter().map(|view| view.psnr().0).sum();
         let worst = views.iter().map(|view| view.mean()).fold(0.0, worse);
@@ -281,19 +264,13 @@ fn blur_zero_padded(plane: &[f64], width: usize, window: &[f64; SSIM_TAPS]) -> V
 }
 
 /// `axis(pixel)` = position on the axis, length of the axis, distance between neighbours.
-fn convolve(
-    plane: &[f64],
-    window: &[f64; SSIM_TAPS],
-    axis: impl Fn(usize) -> (usize, usize, usize),
-) -> Vec<f64> {
+fn convolve(plane: &[f64], window: &[f64; SSIM_TAPS], axis: impl Fn(usize) -> (usize, usize, usize)) -> Vec<f64> {
     let half = SSIM_TAPS / 2;
     let at = |pixel: usize| {
         let (position, length, stride) = axis(pixel);
         let first = half.saturating_sub(position);
         let last = SSIM_TAPS.min(length + half - position);
-        (first..last)
-            .map(|tap| window[tap] * plane[pixel + tap * stride - half * stride])
-            .sum()
+        (first..last).map(|tap| window[tap] * plane[pixel + tap * stride - half * stride]).sum()
     };
     (0..plane.len()).map(at).collect()
 }

@@ -8,9 +8,7 @@ use serde::Serialize;
 use super::message::Message;
 use super::prf::{Prf, Purpose};
 use super::reading::Reading;
-use super::statistics::{
-    binomial_tail, chance_band, empirical_fpr_bound, match_p_value, required_matches,
-};
+use super::statistics::{binomial_tail, chance_band, empirical_fpr_bound, match_p_value, required_matches};
 use crate::EngineError;
 
 /// Number of other messages tried against every clip.
@@ -96,11 +94,7 @@ impl Leak {
     /// [`EngineError::Usage`] unless `confidence` is in [0, 1).
     pub fn measure(matches: u32, num_bits: u32, confidence: f64) -> Result<Self, EngineError> {
         let band = chance_band(num_bits, confidence)?;
-        let state = if band.contains(&matches) {
-            ControlState::Quiet
-        } else {
-            ControlState::Fires
-        };
+        let state = if band.contains(&matches) { ControlState::Quiet } else { ControlState::Fires };
         Ok(Self {
             matches,
             num_bits,
@@ -227,32 +221,18 @@ impl NullPanel {
 
 /// One-sided: the inverted message fires only if the clip says the *opposite* of the claim; that it is
 /// badly matched by a marked clip is as it should be.
-fn inverted(
-    reading: &Reading,
-    message: &Message,
-    share: f64,
-) -> Result<ControlResult, EngineError> {
+fn inverted(reading: &Reading, message: &Message, share: f64) -> Result<ControlResult, EngineError> {
     let inverted = message.inverted();
     let matches = reading.matches(&inverted)?;
     let mut leak = Leak::measure(matches, inverted.num_bits(), 1.0 - share)?;
     if matches <= leak.band_high {
         leak.state = ControlState::Quiet;
     }
-    Ok(ControlResult {
-        kind: ControlKind::InvertedMessage,
-        name: "suspect clip".to_owned(),
-        leak,
-    })
+    Ok(ControlResult { kind: ControlKind::InvertedMessage, name: "suspect clip".to_owned(), leak })
 }
 
 impl OtherMessages {
-    fn run(
-        reading: &Reading,
-        message: &Message,
-        prf: &Prf,
-        fpr: f64,
-        share: f64,
-    ) -> Result<Self, EngineError> {
+    fn run(reading: &Reading, message: &Message, prf: &Prf, fpr: f64, share: f64) -> Result<Self, EngineError> {
         let num_bits = message.num_bits();
         let claimed = reading.matches(message)?;
         let needed = required_matches(num_bits, fpr);

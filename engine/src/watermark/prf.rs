@@ -34,12 +34,10 @@ impl MasterSecret {
     /// [`EngineError::Program`] if the system has no working random source.
     pub fn generate() -> Result<Self, EngineError> {
         let mut bytes = [0; 32];
-        SysRng
-            .try_fill_bytes(&mut bytes)
-            .map_err(|error| EngineError::Program {
-                program: "system random source".to_owned(),
-                reason: error.to_string(),
-            })?;
+        SysRng.try_fill_bytes(&mut bytes).map_err(|error| EngineError::Program {
+            program: "system random source".to_owned(),
+            reason: error.to_string(),
+        })?;
         Ok(Self(bytes))
     }
 
@@ -128,9 +126,7 @@ impl Prf {
     /// Derives the PRF's key from the master secret.
     #[must_use]
     pub fn new(secret: &MasterSecret) -> Self {
-        Self {
-            key: blake3::derive_key(CONTEXT, secret.expose()),
-        }
+        Self { key: blake3::derive_key(CONTEXT, secret.expose()) }
     }
 
     /// A random stream for one purpose; `index` separates streams of the same purpose.

@@ -50,10 +50,7 @@ impl Reading {
         for mean in &mut mean_logits {
             *mean /= frames.len() as f64;
         }
-        Ok(Self {
-            mean_logits,
-            frames,
-        })
+        Ok(Self { mean_logits, frames })
     }
 
     /// Mean logit per bit `[L]`.
@@ -88,11 +85,8 @@ impl Reading {
     /// # Errors
     /// [`EngineError::Usage`] if the lengths differ.
     pub fn frame_accuracy(&self, message: &Message) -> Result<Spread, EngineError> {
-        let accuracies: Vec<f64> = self
-            .frames
-            .iter()
-            .map(|frame| message.bit_accuracy(frame))
-            .collect::<Result<_, _>>()?;
+        let accuracies: Vec<f64> =
+            self.frames.iter().map(|frame| message.bit_accuracy(frame)).collect::<Result<_, _>>()?;
         Ok(Spread::of(&accuracies))
     }
 

@@ -89,10 +89,7 @@ impl FileRecord {
     /// # Errors
     /// Those of [`Digest::of_file`].
     pub fn of(folder: &Path, path: &str) -> Result<Self, EngineError> {
-        Ok(Self {
-            path: path.to_owned(),
-            blake3: Digest::of_file(&folder.join(path))?,
-        })
+        Ok(Self { path: path.to_owned(), blake3: Digest::of_file(&folder.join(path))? })
     }
 }
 
@@ -245,14 +242,9 @@ impl Receipt {
     pub fn write(&self, path: &Path) -> Result<(), EngineError> {
         let mut json = serde_json::to_vec_pretty(self).map_err(|error| not_json(&error))?;
         json.push(b'\n');
-        let mut file = fs::File::create_new(path).map_err(|error| EngineError::CannotCreate {
-            path: path.to_path_buf(),
-            reason: error.to_string(),
-        })?;
-        let io = |source| EngineError::Io {
-            path: path.to_path_buf(),
-            source,
-        };
+        let mut file = fs::File::create_new(path)
+            .map_err(|error| EngineError::CannotCreate { path: path.to_path_buf(), reason: error.to_string() })?;
+        let io = |source| EngineError::Io { path: path.to_path_buf(), source };
         file.write_all(&json).map_err(io)?;
         file.sync_all().map_err(io)
     }
@@ -261,10 +253,9 @@ impl Receipt {
 fn read_error(path: &Path, source: std::io::Error) -> EngineError {
     let path = path.to_path_buf();
     match source.kind() {
-        std::io::ErrorKind::NotFound => EngineError::MissingInput {
-            path,
-            expected: "a receipt written by `guard4d embed`".to_owned(),
-        },
+        std::io::ErrorKind::NotFound => {
+            EngineError::MissingInput { path, expected: "a receipt written by `guard4d embed`".to_owned() }
+        }
         std::io::ErrorKind::InvalidData => EngineError::BadData {
             path,
             field: "text".to_owned(),
@@ -276,10 +267,7 @@ fn read_error(path: &Path, source: std::io::Error) -> EngineError {
 }
 
 fn not_json(error: &serde_json::Error) -> EngineError {
-    EngineError::NotFinite {
-        what: format!("receipt: {error}"),
-        got: f64::NAN,
-    }
+    EngineError::NotFinite { what: format!("receipt: {error}"), got: f64::NAN }
 }
 
 /// Hash of the body's canonical form: every field in name order, each value with a type tag and its
@@ -294,12 +282,7 @@ fn commit(body: &ReceiptBody) -> Result<Digest, EngineError> {
 
 /// JSON writes NaN and infinity as `null`, where they would look like "not measured".
 fn check_finite(body: &ReceiptBody) -> Result<(), EngineError> {
-    let Figures {
-        ssim,
-        lpips,
-        bit_accuracy: bits,
-        ..
-    } = body.figures;
+    let Figures { ssim, lpips, bit_accuracy: bits, .. } = body.figures;
     let rule = body.promise.thresholds;
     let figures = [
         ("ssim", Some(ssim)),
@@ -312,10 +295,7 @@ fn check_finite(body: &ReceiptBody) -> Result<(), EngineError> {
         ("threshold absent_above", Some(rule.absent_above)),
         ("threshold control_level", Some(rule.control_level)),
     ];
-    let seconds = body
-        .seconds
-        .iter()
-        .map(|(stage, &s)| (stage.as_str(), Some(s)));
+    let seconds = body.seconds.iter().map(|(stage, &s)| (stage.as_str(), Some(s)));
     for (what, value) in figures.into_iter().chain(seconds) {
         if let Some(got) = value.filter(|v| !v.is_finite()) {
             let what = format!("receipt figure `{what}`");

@@ -43,10 +43,7 @@ pub fn required_matches(num_bits: u32, fpr: f64) -> Option<u32> {
 ///
 /// # Errors
 /// [`EngineError::Usage`] unless `confidence` is in [0, 1).
-pub fn chance_band(
-    num_bits: u32,
-    confidence: f64,
-) -> Result<std::ops::RangeInclusive<u32>, EngineError> {
+pub fn chance_band(num_bits: u32, confidence: f64) -> Result<std::ops::RangeInclusive<u32>, EngineError> {
     if !(0.0..1.0).contains(&confidence) {
         return Err(EngineError::Usage {
             what: "confidence of the chance band".to_owned(),
@@ -138,11 +135,7 @@ impl SoftScoreNull {
         for sum in (1..counts.len().saturating_sub(1)).rev() {
             counts[sum] += counts[sum + 1];
         }
-        Ok(Self {
-            weights,
-            signs,
-            tail: counts,
-        })
+        Ok(Self { weights, signs, tail: counts })
     }
 
     /// Probability that a random message agrees with the logits at least as well as this one.
@@ -174,10 +167,7 @@ impl SoftScoreNull {
 
 fn integer_weights(mean_logits: &[f64]) -> Result<Vec<u32>, EngineError> {
     if let Some(bit) = mean_logits.iter().position(|o| !o.is_finite()) {
-        return Err(EngineError::NotFinite {
-            what: format!("mean logit of bit {bit}"),
-            got: mean_logits[bit],
-        });
+        return Err(EngineError::NotFinite { what: format!("mean logit of bit {bit}"), got: mean_logits[bit] });
     }
     let largest = mean_logits.iter().fold(0.0_f64, |max, o| max.max(o.abs()));
     if largest == 0.0 {
@@ -194,10 +184,7 @@ fn integer_weights(mean_logits: &[f64]) -> Result<Vec<u32>, EngineError> {
 
 /// Row `num_bits` of Pascal's triangle; its largest entry, C(128, 64) ≈ 2.4e37, fits u128.
 fn binomial_row(num_bits: u32) -> Vec<u128> {
-    assert!(
-        num_bits <= MAX_MESSAGE_BITS,
-        "no message has {num_bits} bits"
-    );
+    assert!(num_bits <= MAX_MESSAGE_BITS, "no message has {num_bits} bits");
     let mut row = vec![0; num_bits as usize + 1];
     row[0] = 1_u128;
     for n in 1..row.len() {

@@ -72,10 +72,7 @@ impl TokenTable {
             let other = drawn + uniform_below(rng, vocabulary.num_usable() - drawn);
             usable.swap(drawn as usize, other as usize);
         }
-        let ids = usable[..2 * num_bits as usize]
-            .chunks_exact(2)
-            .map(|pair| [pair[0], pair[1]])
-            .collect();
+        let ids = usable[..2 * num_bits as usize].chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect();
         Ok(Self { vocabulary, ids })
     }
 
@@ -115,11 +112,7 @@ impl TokenTable {
     #[must_use]
     pub fn digest(&self) -> Digest {
         let words = [self.vocabulary.size, self.vocabulary.context];
-        let bytes: Vec<u8> = words
-            .iter()
-            .chain(self.ids.as_flattened())
-            .flat_map(|word| word.to_le_bytes())
-            .collect();
+        let bytes: Vec<u8> = words.iter().chain(self.ids.as_flattened()).flat_map(|word| word.to_le_bytes()).collect();
         Digest::of(&bytes)
     }
 }

@@ -1,0 +1,226 @@
+//! House rules that the compiler cannot see; `ARCHITECTURE.md` says why each exists.
+//!
+//! Every rule collects all offences before it fails, and is itself tried on text that breaks it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Longest source file, in lines; about 500 is the aim.
+const MAX_LINES: usize = 700;
+
+/// Folders of handwritten Rust.
+const RUST_TREES: [&str; 5] = ["cli", "engine/src", "kernels/src", "tests", "benches"];
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// All files under `tree` (relative to the repository) whose extension is in `extensions`, sorted.
+fn files(tree: &str, extensions: &[&str]) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut folders = vec![root().join(tree)];
+    while let Some(folder) = folders.pop() {
+        let Ok(entries) = fs::read_dir(&folder) else {
+            continue;
+        };
+        for entry in entries {
+            let path = entry.expect("a folder of the checkout can be listed").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|e| extensions.iter().any(|x| e == *x)) {
+                found.push(path);
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+fn rust_files() -> Vec<PathBuf> {
+    let mut all: Vec<_> = RUST_TREES.iter().flat_map(|t| files(t, &["rs"])).collect();
+    all.push(root().join("kernels/build.rs"));
+    all
+}
+
+fn shaders() -> Vec<PathBuf> {
+    files("glsl", &["comp", "glsl"])
+}
+
+fn text(path: &Path) -> String {
+    fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+fn name(path: &Path) -> String {
+    let inside = path.strip_prefix(root()).unwrap_or(path);
+    inside.display().to_string()
+}
+
+/// The line without its `//` comment. A `//` inside a string is cut too, which only hides text.
+fn code(line: &str) -> &str {
+    line.split("//").next().unwrap_or(line)
+}
+
+/// Whether `word` stands in `line` as a whole identifier.
+fn has_word(line: &str, word: &str) -> bool {
+    line.match_indices(word).any(|(at, _)| {
+        let inside = |c: char| c.is_alphanumeric() || c == '_';
+        !line[..at].ends_with(inside) && !line[at + word.len()..].starts_with(inside)
+    })
+}
+
+/// `file:line` of every code line of `paths` that `breaks` the rule.
+fn offences(paths: &[PathBuf], breaks: impl Fn(&str) -> bool) -> Vec<String> {
+    let mut found = Vec::new();
+    for path in paths {
+        for (i, line) in text(path).lines().enumerate() {
+            if breaks(line) {
+                found.push(format!("{}:{}: {}", name(path), i + 1, line.trim()));
+            }
+        }
+    }
+    found
+}
+
+fn assert_none(rule: &str, found: &[String]) {
+    assert!(found.is_empty(), "{rule}:\n  {}", found.join("\n  "));
+}
+
+/// The operation of a kernel file: its stem without the last `_verb`.
+fn op_of(stem: &str) -> Option<&str> {
+    stem.rsplit_once('_').map(|(op, _verb)| op)
+}
+
+/// What is missing around the kernel `glsl/<family>/<stem>.comp`.
+fn mirror_gaps(
+    family: &str,
+    stem: &str,
+    exists: impl Fn(&str) -> bool,
+    test_text: impl Fn(&str) -> String,
+) -> Vec<String> {
+    let kernel = format!("glsl/{family}/{stem}.comp");
+    let Some(op) = op_of(stem) else {
+        return vec![format!("{kernel}: the name has no _verb")];
+    };
+    let test = format!("tests/kernels/{family}/{op}.rs");
+    let wanted =
+        [format!("kernels/src/{family}/{op}.rs"), format!("kernels/src/reference/{family}/{op}.rs"), test.clone()];
+    let mut gaps: Vec<_> = wanted.iter().filter(|w| !exists(w)).map(|w| format!("{kernel}: {w} is missing")).collect();
+    if stem.ends_with("_bwd") && exists(&test) && !test_text(&test).contains("gradcheck") {
+        gaps.push(format!("{kernel}: {test} never calls gradcheck"));
+    }
+    gaps
+}
+
+#[test]
+fn every_kernel_has_a_wrapper_a_twin_and_a_test() {
+    let mut gaps = Vec::new();
+    for path in files("glsl", &["comp"]) {
+        let shown = name(&path);
+        let parts: Vec<_> = shown.trim_end_matches(".comp").split('/').collect();
+        let [_, family, stem] = parts[..] else {
+            gaps.push(format!("{shown}: kernels live in glsl/<family>/"));
+            continue;
+        };
+        let exists = |p: &str| root().join(p).is_file();
+        gaps.extend(mirror_gaps(family, stem, exists, |p| text(&root().join(p))));
+    }
+    assert_none("the mirror rule", &gaps);
+}
+
+#[test]
+fn mirror_rule_names_each_gap() {
+    let nothing = mirror_gaps("optim", "adam_step", |_| false, |_| String::new());
+    assert_eq!(nothing.len(), 3, "wrapper, twin and test are all missing: {nothing:?}");
+    let unchecked = mirror_gaps("nn", "gelu_bwd", |_| true, |_| "fn empty() {}".into());
+    assert_eq!(unchecked.len(), 1, "only the gradient check is missing: {unchecked:?}");
+    let complete = mirror_gaps("nn", "gelu_bwd", |_| true, |_| "gradcheck(..)".into());
+    assert!(complete.is_empty(), "nothing is missing: {complete:?}");
+    let verbless = mirror_gaps("nn", "gelu", |_| true, |_| String::new());
+    assert_eq!(verbless.len(), 1, "a kernel name needs a verb: {verbless:?}");
+}
+
+#[test]
+fn shaders_include_only_lib() {
+    let breaks = |line: &str| {
+        let line = code(line).trim();
+        line.starts_with("#include") && !line.contains("\"lib/")
+    };
+    assert!(breaks("#include \"nn/gelu_fwd.comp\""), "another family is refused");
+    assert!(!breaks("#include \"lib/quat.glsl\""), "lib is accepted");
+    assert_none("shaders include only lib/", &offences(&shaders(), breaks));
+}
+
+#[test]
+fn only_kernels_names_the_vulkan_crate() {
+    let word = concat!("a", "sh");
+    let outside: Vec<_> = rust_files().into_iter().filter(|p| !name(p).starts_with("kernels/")).collect();
+    let breaks = |line: &str| has_word(code(line), word);
+    assert!(breaks(&format!("use {word}::vk;")), "a use is seen");
+    assert!(!breaks("let hash = 1;"), "part of a word is not");
+    let mut found = offences(&outside, breaks);
+    let depends = |line: &str| line.trim_start().starts_with(word);
+    found.extend(offences(&[root().join("engine/Cargo.toml")], depends));
+    assert_none("only kernels names the Vulkan crate", &found);
+}
+
+#[test]
+fn unsafe_code_stays_in_the_device_layer() {
+    let word = concat!("un", "safe");
+    let outside: Vec<_> = rust_files().into_iter().filter(|p| !name(p).starts_with("kernels/src/vk/")).collect();
+    let breaks = |line: &str| has_word(code(line), word);
+    assert!(breaks(&format!("{word} {{ f() }}")), "a block is seen");
+    assert!(!breaks(&format!("#![forbid({word}_code)]")), "the lint's name is not");
+    let found = offences(&outside, breaks);
+    assert_none("such code only in kernels/src/vk", &found);
+}
+
+#[test]
+fn files_stay_short() {
+    let mut all = rust_files();
+    all.extend(shaders());
+    all.extend(files("tests", &["py"]));
+    let long: Vec<_> = all
+        .iter()
+        .map(|p| (name(p), text(p).lines().count()))
+        .filter(|(_, lines)| *lines > MAX_LINES)
+        .map(|(file, lines)| format!("{file}: {lines} lines"))
+        .collect();
+    assert_none(&format!("files have at most {MAX_LINES} lines"), &long);
+}
+
+#[test]
+fn engine_knows_no_binding() {
+    let breaks = |line: &str| code(line).contains("binding");
+    assert!(breaks("rec.bind(binding: 3)"), "a binding number is seen");
+    let found = offences(&files("engine/src", &["rs"]), breaks);
+    assert_none("engine names no binding", &found);
+}
+
+#[test]
+fn nothing_is_left_for_later() {
+    let marks = [
+        concat!("TO", "DO"),
+        concat!("FIX", "ME"),
+        concat!("X", "XX"),
+        concat!("to", "do!"),
+        concat!("un", "implemented!"),
+        concat!("#", "[ignore"),
+    ];
+    let breaks = |line: &str| marks.iter().any(|m| line.contains(m));
+    assert!(breaks(&format!("// {}: later", marks[0])), "a note is seen");
+    let mut all = rust_files();
+    all.extend(shaders());
+    all.extend(files("tests", &["py"]));
+    all.extend(["x", ".ci/run"].map(|f| root().join(f)));
+    assert_none("nothing is left for later", &offences(&all, breaks));
+}
+
+#[test]
+fn kernels_read_no_file_and_no_environment() {
+    let marks = ["std::env", "env::var", "std::fs", "fs::", "File::open"];
+    let breaks = |line: &str| marks.iter().any(|m| code(line).contains(m));
+    assert!(breaks("let x = std::env::var(\"A\");"), "a variable is seen");
+    assert!(!breaks("include!(concat!(env!(\"OUT_DIR\")));"), "build output is fine");
+    let found = offences(&files("kernels/src", &["rs"]), breaks);
+    assert_none("kernels reads no file and no environment", &found);
+}
