@@ -1,0 +1,243 @@
+//! Owner key: master secret, token table and the frozen message decoder, bound to one CLIP checkpoint.
+
+use std::path::{Path, PathBuf};
+
+use guard4d_kernels::Device;
+
+use super::capacity::{self, Spectrum};
+use super::decoder::DecoderWeights;
+use super::decoder_training::{DecoderTraining, Trainer};
+use super::digest::Digest;
+use super::message::Message;
+use super::prf::{MasterSecret, Prf, Purpose};
+use super::tokens::TokenTable;
+use crate::clip::Clip;
+use crate::error::EngineError;
+use crate::output::AtomicFile;
+use crate::tensor_file::{Tensor, TensorFile};
+
+/// `format` entry of a key file.
+const FORMAT: &str = "guard4d.key/1";
+/// Messages the decoder is trained on (method: at least 20,000).
+const TRAINING_MESSAGES: usize = 20_480;
+/// Messages it is tested on, never trained on.
+const HELD_OUT_MESSAGES: usize = 4_096;
+
+/// Everything an owner needs to embed and verify; private.
+#[derive(Clone, Debug)]
+pub struct Key {
+    secret: MasterSecret,
+    /// Bit-to-token table.
+    pub table: TokenTable,
+    /// Frozen decoder.
+    pub decoder: DecoderWeights,
+    /// Mean text feature of random messages `[width]`, towards which image features are moved.
+    pub text_mean: Vec<f32>,
+    /// Checkpoint it was made with.
+    pub clip: Digest,
+}
+
+/// What `keygen` reports.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct KeyReport {
+    /// Public name of the key.
+    pub key_id: String,
+    /// Message bits.
+    pub bits: usize,
+    /// Singular values of the message features.
+    pub spectrum: Spectrum,
+    /// Share of held-out bits that the decoder reads.
+    pub held_out_accuracy: f64,
+    /// Held-out messages read without any error.
+    pub held_out_exact: f64,
+    /// Seconds for features and training.
+    pub seconds: f64,
+}
+
+impl Key {
+    /// Derives a key from `secret` and trains its decoder.
+    ///
+    /// # Equation: Guard4D Sec. 3.2
+    /// # Determinism: same secret, checkpoint, device and driver give the same key
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for a length the vocabulary cannot hold;
+    /// [`EngineError::BadData`] when the checkpoint cannot carry so many bits.
+    pub fn generate(
+        device: &Device,
+        clip: &Clip,
+        secret: MasterSecret,
+        bits: u32,
+    ) -> Result<(Self, KeyReport), EngineError> {
+        let started = std::time::Instant::now();
+        if !bits.is_multiple_of(8) {
+            return Err(EngineError::Usage {
+                what: "message length".to_owned(),
+                got: format!("{bits} bits"),
+                expected: "a multiple of 8".to_owned(),
+            });
+        }
+        let prf = Prf::new(&secret);
+        let table = TokenTable::derive(&prf, clip.vocabulary(), bits)?;
+        let messages = draw_messages(&prf, bits)?;
+        let sequences = messages.iter().map(|m| table.sequence(m)).collect::<Result<Vec<_>, _>>()?;
+        let features = clip.text_embeds(&sequences)?;
+        let width = clip.embed_width();
+        let (train, held_out) = features.split_at(TRAINING_MESSAGES * width);
+        let text_mean = capacity::mean_row(train, width);
+        let spectrum = capacity::spectrum(train, width, &text_mean);
+        capacity::check_spectrum(&spectrum, bits as usize, clip.path())?;
+
+        let targets: Vec<f32> =
+            messages[..TRAINING_MESSAGES].iter().flat_map(Message::bits).map(|b| f32::from(u8::from(b))).collect();
+        let features = device.buffer_from("key.features", train)?;
+        let targets = device.buffer_from("key.targets", &targets)?;
+        let mut init = prf.stream(Purpose::DecoderInit, 0);
+        let training = DecoderTraining::default();
+        let mut trainer = Trainer::new(device, width, bits as usize, training, &mut init)?;
+        trainer.run(device, &features, &targets)?;
+        let decoder = trainer.weights()?;
+
+        let reading = capacity::read_held_out(device, &decoder, held_out, &messages[TRAINING_MESSAGES..])?;
+        capacity::check_reading(&reading, bits as usize, clip.path())?;
+        let report = KeyReport {
+            key_id: prf.key_id().to_string(),
+            bits: bits as usize,
+            spectrum,
+            held_out_accuracy: reading.bit_accuracy,
+            held_out_exact: reading.exact,
+            seconds: started.elapsed().as_secs_f64(),
+        };
+        Ok((Self { secret, table, decoder, text_mean, clip: clip.digest() }, report))
+    }
+
+    /// The key's pseudo-random function.
+    #[must_use]
+    pub fn prf(&self) -> Prf {
+        Prf::new(&self.secret)
+    }
+
+    /// Message bits.
+    #[must_use]
+    pub fn bits(&self) -> usize {
+        self.table.num_bits()
+    }
+
+    /// Hash of the decoder's weights, for receipts.
+    #[must_use]
+    pub fn decoder_digest(&self) -> Digest {
+        let mut bytes = Vec::new();
+        for layer in &self.decoder.layers {
+            bytes.extend_from_slice(bytemuck::cast_slice(&layer.weight));
+            bytes.extend_from_slice(bytemuck::cast_slice(&layer.bias));
+        }
+        Digest::of(&bytes)
+    }
+
+    /// Refuses another checkpoint than the one the key was made with.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] naming both hashes.
+    pub fn check_clip(&self, path: &Path, clip: &Clip) -> Result<(), EngineError> {
+        if self.clip == clip.digest() {
+            return Ok(());
+        }
+        Err(EngineError::BadData {
+            path: path.to_owned(),
+            field: "clip".to_owned(),
+            got: format!("a key made with checkpoint {}", self.clip),
+            expected: format!("one made with checkpoint {} ({})", clip.digest(), clip.path().display()),
+        })
+    }
+
+    /// Writes the key file, whole or not at all.
+    ///
+    /// # Errors
+    /// [`EngineError::CannotCreate`] or [`EngineError::Io`] naming the file.
+    pub fn write(&self, path: &Path, overwrite: bool) -> Result<(), EngineError> {
+        let mut file = TensorFile { path: path.to_owned(), ..TensorFile::default() };
+        let bits = self.bits();
+        file.meta.insert("format".to_owned(), FORMAT.to_owned());
+        file.meta.insert("bits".to_owned(), bits.to_string());
+        file.meta.insert("clip".to_owned(), self.clip.to_string());
+        file.meta.insert("secret".to_owned(), hex::encode(self.secret.expose()));
+        let ids = self.table.ids().as_flattened().to_vec();
+        file.tensors.insert("token_table".to_owned(), Tensor::u32(&[bits, 2], ids));
+        file.tensors.insert("text_mean".to_owned(), Tensor::f32(&[self.text_mean.len()], self.text_mean.clone()));
+        self.decoder.store(&mut file);
+        AtomicFile::write(path, &file.to_bytes()?, overwrite)
+    }
+
+    /// Reads a key file made for `clip`, and checks that its table follows from its secret.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] naming what does not fit.
+    pub fn read(path: &Path, clip: &Clip) -> Result<Self, EngineError> {
+        let file = TensorFile::read(path)?;
+        let bad = |field: &str, got: &str, expected: &str| EngineError::BadData {
+            path: path.to_owned(),
+            field: field.to_owned(),
+            got: got.to_owned(),
+            expected: expected.to_owned(),
+        };
+        let format = file.text("format")?;
+        if format != FORMAT {
+            return Err(bad("format", format, FORMAT));
+        }
+        let bits_text = file.text("bits")?;
+        let bits: u32 = bits_text.parse().map_err(|_| bad("bits", bits_text, "a number"))?;
+        let mut secret = [0; 32];
+        hex::decode_to_slice(file.text("secret")?, &mut secret)
+            .map_err(|e| bad("secret", &e.to_string(), "64 hex digits"))?;
+        let clip_text = file.text("clip")?;
+        let clip_digest = Digest::from_hex(clip_text).ok_or_else(|| bad("clip", clip_text, "a hash of 64 digits"))?;
+        let secret = MasterSecret::from_bytes(secret);
+        let key = Self {
+            table: TokenTable::derive(&Prf::new(&secret), clip.vocabulary(), bits)?,
+            text_mean: file.floats("text_mean", &[clip.embed_width()])?.to_vec(),
+            decoder: DecoderWeights::load(&file, clip.embed_width(), bits as usize)?,
+            clip: clip_digest,
+            secret,
+        };
+        key.check_clip(path, clip)?;
+        if file.integers("token_table", &[bits as usize, 2])? != key.table.ids().as_flattened() {
+            return Err(bad("token_table", "a table that does not follow from the secret", "the derived table"));
+        }
+        Ok(key)
+    }
+}
+
+/// Training messages, then held-out ones; no message is in both parts.
+fn draw_messages(prf: &Prf, bits: u32) -> Result<Vec<Message>, EngineError> {
+    let mut rng = prf.stream(Purpose::DecoderTraining, 0);
+    let mut messages = (0..TRAINING_MESSAGES)
+        .map(|_| Message::random(bits, &mut rng))
+        .collect::<Result<Vec<_>, _>>()?;
+    let seen: std::collections::HashSet<Message> = messages.iter().copied().collect();
+    // 8-bit messages are all seen in training; then the held-out set can only repeat them.
+    let all_seen = bits < 32 && seen.len() as u64 == 1 << bits;
+    while messages.len() < TRAINING_MESSAGES + HELD_OUT_MESSAGES {
+        let message = Message::random(bits, &mut rng)?;
+        if all_seen || !seen.contains(&message) {
+            messages.push(message);
+        }
+    }
+    Ok(messages)
+}
+
+/// Where the master secret of a new key comes from.
+///
+/// # Errors
+/// [`EngineError::BadData`] unless the file holds 64 hex digits.
+pub fn read_secret(path: Option<&PathBuf>) -> Result<MasterSecret, EngineError> {
+    let Some(path) = path else { return MasterSecret::generate() };
+    let text = std::fs::read_to_string(path).map_err(|source| EngineError::Io { path: path.clone(), source })?;
+    let mut bytes = [0; 32];
+    hex::decode_to_slice(text.trim(), &mut bytes).map_err(|e| EngineError::BadData {
+        path: path.clone(),
+        field: "secret".to_owned(),
+        got: e.to_string(),
+        expected: "64 hex digits".to_owned(),
+    })?;
+    Ok(MasterSecret::from_bytes(bytes))
+}
