@@ -1,1 +1,3 @@
+//! The `guard4d` command.
+
 fn main() {}

@@ -1,1 +1,108 @@
-fn main() {}
+//! Compiles every `glsl/**/*.comp` to SPIR-V 1.5, reflects it, and writes the typed registry.
+//! Any failure stops the build.
+
+#[path = "build/compile.rs"]
+mod compile;
+#[path = "build/generate.rs"]
+mod generate;
+#[path = "build/reflect.rs"]
+mod reflect;
+
+use std::path::{Path, PathBuf};
+use std::{env, fs};
+
+/// One source file together with the defines of one variant of it.
+pub(crate) struct Unit {
+    /// `family/stem`, variant suffix included.
+    pub name: String,
+    /// GLSL text with includes expanded and defines inserted.
+    pub source: String,
+}
+
+fn main() {
+    let manifest = PathBuf::from(env::var("CARGO_MANIFEST_DIR").expect("cargo sets it"));
+    let glsl = manifest.join("../glsl");
+    let out = PathBuf::from(env::var("OUT_DIR").expect("cargo sets it"));
+    println!("cargo:rerun-if-changed={}", glsl.display());
+    println!("cargo:rerun-if-changed=build");
+    println!("cargo:rerun-if-changed=build.rs");
+
+    let mut kernels = Vec::new();
+    for unit in units(&glsl) {
+        let words =
+            compile::to_spirv(&unit).unwrap_or_else(|log| panic!("glsl/{}.comp does not compile:\n{log}", unit.name));
+        let kernel = reflect::kernel(&unit.name, &words).unwrap_or_else(|why| panic!("glsl/{}.comp: {why}", unit.name));
+        let spv = out.join(format!("{}.spv", unit.name.replace('/', "__")));
+        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        fs::write(&spv, bytes).unwrap_or_else(|e| panic!("{}: {e}", spv.display()));
+        kernels.push((kernel, spv));
+    }
+    let registry = out.join("registry.rs");
+    fs::write(&registry, generate::registry(&kernels)).unwrap_or_else(|e| panic!("{}: {e}", registry.display()));
+}
+
+/// All units, sorted by name: one per `.comp`, plus one per entry of `permutations.toml`.
+fn units(glsl: &Path) -> Vec<Unit> {
+    let variants = permutations(&glsl.join("permutations.toml"));
+    let mut units = Vec::new();
+    for family in sorted_entries(glsl).filter(|p| p.is_dir() && !p.ends_with("lib")) {
+        for file in sorted_entries(&family).filter(|p| p.extension().is_some_and(|e| e == "comp")) {
+            let stem = format!("{}/{}", leaf(&family), file.file_stem().expect("has one").to_string_lossy());
+            let source = expand(&file, glsl, &mut Vec::new());
+            for (suffix, defines) in variants.get(&stem).into_iter().flatten() {
+                let name = format!("{stem}_{suffix}");
+                units.push(Unit { name, source: with_defines(&source, defines) });
+            }
+            units.push(Unit { name: stem, source });
+        }
+    }
+    units
+}
+
+type Variants = std::collections::BTreeMap<String, std::collections::BTreeMap<String, Vec<String>>>;
+
+/// Reads `["family/stem"] variant = ["DEFINE", …]`.
+fn permutations(path: &Path) -> Variants {
+    let text = fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    toml::from_str(&text).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+fn with_defines(source: &str, defines: &[String]) -> String {
+    let (version, rest) = source.split_once('\n').expect("a shader starts with its #version line");
+    let defines: String = defines.iter().map(|d| format!("#define {d}\n")).collect();
+    format!("{version}\n{defines}{rest}")
+}
+
+/// Expands `#include "lib/…"` textually, each file once. Only `glsl/lib` may be included.
+fn expand(file: &Path, glsl: &Path, seen: &mut Vec<PathBuf>) -> String {
+    let text = fs::read_to_string(file).unwrap_or_else(|e| panic!("{}: {e}", file.display()));
+    let mut out = String::new();
+    for line in text.lines() {
+        let Some(name) = line.trim().strip_prefix("#include ") else {
+            out.push_str(line);
+            out.push('\n');
+            continue;
+        };
+        let name = name.trim().trim_matches('"');
+        assert!(name.starts_with("lib/"), "{}: only lib/ may be included, not {name}", file.display());
+        let path = glsl.join(name);
+        if !seen.contains(&path) {
+            seen.push(path.clone());
+            out.push_str(&expand(&path, glsl, seen));
+        }
+    }
+    out
+}
+
+fn sorted_entries(dir: &Path) -> impl Iterator<Item = PathBuf> {
+    let mut paths: Vec<PathBuf> = fs::read_dir(dir)
+        .unwrap_or_else(|e| panic!("{}: {e}", dir.display()))
+        .map(|entry| entry.expect("directory entry is readable").path())
+        .collect();
+    paths.sort();
+    paths.into_iter()
+}
+
+fn leaf(path: &Path) -> String {
+    path.file_name().expect("has one").to_string_lossy().into_owned()
+}

@@ -1,3 +1,7 @@
-//! One test binary: one link, shared helpers.
+//! All integration tests in one binary: one link, shared helpers.
 
+#![allow(clippy::cast_possible_truncation, reason = "test sizes are small")]
+
+mod kernels;
+mod support;
 mod tidy;

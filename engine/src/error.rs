@@ -75,10 +75,7 @@ pub enum EngineError {
     },
     /// The run was interrupted; a valid checkpoint was written.
     #[error("interrupted; checkpoint at {}", checkpoint.display())]
-    #[diagnostic(
-        code(guard4d::interrupted),
-        help("run the same command with --resume to go on")
-    )]
+    #[diagnostic(code(guard4d::interrupted), help("run the same command with --resume to go on"))]
     Interrupted {
         /// Where the state was saved.
         checkpoint: PathBuf,

@@ -8,10 +8,7 @@ use thiserror::Error;
 pub enum KernelError {
     /// A buffer's length does not fit the shapes documented at the top of the shader.
     #[error("{kernel}: `{buffer}` is {got}, expected {expected}")]
-    #[diagnostic(
-        code(guard4d::kernels::shape),
-        help("shapes are listed at the top of glsl/{kernel}*.comp")
-    )]
+    #[diagnostic(code(guard4d::kernels::shape), help("shapes are listed at the top of glsl/{kernel}*.comp"))]
     Shape {
         /// Registry stem, `family/op`.
         kernel: &'static str,
@@ -36,10 +33,7 @@ pub enum KernelError {
     },
     /// No device fits the selection.
     #[error("no Vulkan device fits `{wanted}`; present: {present}")]
-    #[diagnostic(
-        code(guard4d::kernels::no_device),
-        help("`guard4d devices` lists what this machine has")
-    )]
+    #[diagnostic(code(guard4d::kernels::no_device), help("`guard4d devices` lists what this machine has"))]
     NoDevice {
         /// The selection, as the user wrote it.
         wanted: String,

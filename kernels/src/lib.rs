@@ -1,5 +1,13 @@
 //! Vulkan compute kernels of guard4d: GLSL sources compiled at build time, typed host wrappers, CPU twins.
 
 pub mod error;
+pub mod optim;
+#[cfg(feature = "reference")]
+pub mod reference;
+#[allow(clippy::unreadable_literal, missing_docs, reason = "generated code")]
+pub mod registry;
+pub mod shape;
+pub mod vk;
 
 pub use error::KernelError;
+pub use vk::{Buffer, Device, DeviceSelect, Grid, Recorder, Timings};

@@ -1,0 +1,94 @@
+//! Adam update.
+
+use crate::registry::optim::adam_step;
+use crate::shape::dim;
+use crate::{Buffer, Device, Grid, KernelError, Recorder};
+
+/// Hyperparameters and rate of one step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AdamConfig {
+    /// Learning rate of this step.
+    pub lr: f32,
+    /// Decay of the first moment.
+    pub beta1: f32,
+    /// Decay of the second moment.
+    pub beta2: f32,
+    /// Added to the root of the second moment.
+    pub eps: f32,
+}
+
+impl Default for AdamConfig {
+    fn default() -> Self {
+        Self { lr: 1e-3, beta1: 0.9, beta2: 0.999, eps: 1e-8 }
+    }
+}
+
+/// Moments of one parameter group.
+#[derive(Debug)]
+pub struct AdamState {
+    /// First moment `[n]`.
+    pub exp_avg: Buffer<f32>,
+    /// Second moment `[n]`.
+    pub exp_avg_sq: Buffer<f32>,
+    /// Steps taken.
+    pub steps: u32,
+}
+
+impl AdamState {
+    /// Zero moments for `n` parameters.
+    ///
+    /// # Errors
+    /// When memory runs out.
+    pub fn new(device: &Device, name: &str, n: usize) -> Result<Self, KernelError> {
+        Ok(Self {
+            exp_avg: device.buffer(&format!("{name}.exp_avg"), n)?,
+            exp_avg_sq: device.buffer(&format!("{name}.exp_avg_sq"), n)?,
+            steps: 0,
+        })
+    }
+}
+
+/// One Adam step on `param`.
+///
+/// # Shapes
+/// in `v_param` [n] · in/out `param` [n] (=) · `state` moments [n] (=)
+/// # Equation: Adam, Kingma & Ba 2015, Algorithm 1, with bias correction
+/// # Errors: [`KernelError::Shape`] before anything is recorded
+/// # Determinism: bitwise; no atomics
+///
+/// # Errors
+/// See above.
+pub fn step(
+    rec: &mut Recorder,
+    param: &mut Buffer<f32>,
+    v_param: &Buffer<f32>,
+    state: &mut AdamState,
+    config: &AdamConfig,
+) -> Result<(), KernelError> {
+    let n = param.len();
+    for (buffer, len) in
+        [("v_param", v_param.len()), ("exp_avg", state.exp_avg.len()), ("exp_avg_sq", state.exp_avg_sq.len())]
+    {
+        if len != n {
+            return Err(KernelError::Shape {
+                kernel: "optim/adam",
+                buffer,
+                got: format!("[{len}]"),
+                expected: format!("[{n}] like param"),
+            });
+        }
+    }
+    state.steps += 1;
+    let exponent = i32::try_from(state.steps).unwrap_or(i32::MAX);
+    let params = adam_step::Params {
+        n: dim(n),
+        lr: config.lr,
+        beta1: config.beta1,
+        beta2: config.beta2,
+        eps: config.eps,
+        bias1: 1.0 - config.beta1.powi(exponent),
+        bias2: 1.0 - config.beta2.powi(exponent),
+    };
+    let bind = adam_step::Bind { param, v_param, exp_avg: &mut state.exp_avg, exp_avg_sq: &mut state.exp_avg_sq };
+    rec.dispatch(bind, params, Grid::threads(n))
+}

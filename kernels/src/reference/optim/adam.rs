@@ -1,0 +1,30 @@
+//! Twin of `optim/adam_step`.
+
+use crate::reference::Real;
+
+/// Hyperparameters of one step; `bias1`, `bias2` are 1 − βᵗ.
+#[derive(Clone, Copy, Debug)]
+pub struct Adam<R> {
+    /// Learning rate.
+    pub lr: R,
+    /// Decay of the first moment.
+    pub beta1: R,
+    /// Decay of the second moment.
+    pub beta2: R,
+    /// Added to the root.
+    pub eps: R,
+    /// 1 − β₁ᵗ
+    pub bias1: R,
+    /// 1 − β₂ᵗ
+    pub bias2: R,
+}
+
+/// One Adam step: Kingma & Ba 2015, Algorithm 1. All slices `[n]`.
+pub fn step<R: Real>(c: &Adam<R>, param: &mut [R], v_param: &[R], exp_avg: &mut [R], exp_avg_sq: &mut [R]) {
+    let one = R::of(1.0);
+    for i in 0..param.len() {
+        exp_avg[i] = c.beta1 * exp_avg[i] + (one - c.beta1) * v_param[i];
+        exp_avg_sq[i] = c.beta2 * exp_avg_sq[i] + (one - c.beta2) * v_param[i] * v_param[i];
+        param[i] -= c.lr * (exp_avg[i] / c.bias1) / ((exp_avg_sq[i] / c.bias2).sqrt() + c.eps);
+    }
+}

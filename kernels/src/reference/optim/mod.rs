@@ -1,0 +1,3 @@
+//! Twins of `glsl/optim`.
+
+pub mod adam;

@@ -1,0 +1,277 @@
+//! Typed device buffers.
+
+use std::marker::PhantomData;
+use std::ops::Range;
+use std::sync::{Arc, OnceLock};
+
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use gpu_allocator::vulkan::Allocation;
+
+use super::check;
+use super::device::{Device, DeviceInner};
+use crate::error::KernelError;
+
+/// Bytes of a texel; every buffer is padded with zeros to whole texels.
+const TEXEL_BYTES: u64 = 16;
+
+/// Element types that shaders and host share.
+pub trait Element: bytemuck::Pod + std::fmt::Debug {
+    /// Format of a four-component texel of this type.
+    const TEXEL_FORMAT: vk::Format;
+}
+impl Element for f32 {
+    const TEXEL_FORMAT: vk::Format = vk::Format::R32G32B32A32_SFLOAT;
+}
+impl Element for u32 {
+    const TEXEL_FORMAT: vk::Format = vk::Format::R32G32B32A32_UINT;
+}
+impl Element for i32 {
+    const TEXEL_FORMAT: vk::Format = vk::Format::R32G32B32A32_SINT;
+}
+
+/// The Vulkan side of a buffer; recorders keep it alive until their work is done.
+pub(super) struct BufferInner {
+    pub(super) device: Arc<DeviceInner>,
+    pub(super) handle: vk::Buffer,
+    pub(super) name: String,
+    /// Bytes including the padding to whole texels.
+    pub(super) bytes: u64,
+    allocation: Option<Allocation>,
+    view: OnceLock<vk::BufferView>,
+}
+
+/// A named array of `T` in device memory. `&Buffer` is read by a dispatch, `&mut Buffer` written.
+pub struct Buffer<T> {
+    pub(super) inner: Arc<BufferInner>,
+    len: usize,
+    element: PhantomData<T>,
+}
+
+impl<T> std::fmt::Debug for Buffer<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Buffer({:?}, {} x {})", self.inner.name, self.len, std::any::type_name::<T>())
+    }
+}
+
+impl BufferInner {
+    fn new(device: &Arc<DeviceInner>, name: &str, bytes: u64, location: MemoryLocation) -> Result<Self, KernelError> {
+        let bytes = bytes.next_multiple_of(TEXEL_BYTES).max(TEXEL_BYTES);
+        let usage = vk::BufferUsageFlags::STORAGE_BUFFER
+            | vk::BufferUsageFlags::STORAGE_TEXEL_BUFFER
+            | vk::BufferUsageFlags::TRANSFER_SRC
+            | vk::BufferUsageFlags::TRANSFER_DST;
+        let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);
+        // SAFETY: the create info is valid and the device is alive (held by `device`).
+        let handle = check("vkCreateBuffer", unsafe { device.raw.create_buffer(&info, None) })?;
+        // SAFETY: `handle` was just created on this device.
+        let requirements = unsafe { device.raw.get_buffer_memory_requirements(handle) };
+        let allocation = match device.memory().allocate(name, requirements, location) {
+            Ok(allocation) => allocation,
+            Err(e) => {
+                // SAFETY: nothing has used the buffer yet.
+                unsafe { device.raw.destroy_buffer(handle, None) };
+                return Err(e);
+            }
+        };
+        // SAFETY: memory and offset come from the allocator and belong to this buffer alone.
+        let bound = unsafe { device.raw.bind_buffer_memory(handle, allocation.memory(), allocation.offset()) };
+        let buffer = Self {
+            device: Arc::clone(device),
+            handle,
+            name: name.to_owned(),
+            bytes,
+            allocation: Some(allocation),
+            view: OnceLock::new(),
+        };
+        check("vkBindBufferMemory", bound)?;
+        device.name_object(handle, name);
+        Ok(buffer)
+    }
+
+    /// The whole buffer as texels of `format`, made on first use.
+    pub(super) fn texel_view(&self, format: vk::Format) -> Result<vk::BufferView, KernelError> {
+        if let Some(view) = self.view.get() {
+            return Ok(*view);
+        }
+        let limit = u64::from(self.device.info.max_texel_elements);
+        if self.bytes / TEXEL_BYTES > limit {
+            return Err(KernelError::Unsuitable {
+                device: self.device.info.name.clone(),
+                what: format!(
+                    "texel buffers of {} elements (limit {limit}) for `{}`",
+                    self.bytes / TEXEL_BYTES,
+                    self.name
+                ),
+            });
+        }
+        let info = vk::BufferViewCreateInfo::default().buffer(self.handle).format(format).range(vk::WHOLE_SIZE);
+        // SAFETY: the buffer is bound and alive; the format is one of the mandatory texel formats.
+        let view = check("vkCreateBufferView", unsafe { self.device.raw.create_buffer_view(&info, None) })?;
+        if self.view.set(view).is_err() {
+            // SAFETY: another thread won the race, so this view is unused.
+            unsafe { self.device.raw.destroy_buffer_view(view, None) };
+        }
+        Ok(self.view.get().copied().unwrap_or(view))
+    }
+
+    fn mapped(&self) -> Option<*mut u8> {
+        let allocation = self.allocation.as_ref()?;
+        let coherent = allocation.memory_properties().contains(vk::MemoryPropertyFlags::HOST_COHERENT);
+        allocation.mapped_ptr().filter(|_| coherent).map(|p| p.as_ptr().cast())
+    }
+}
+
+impl Drop for BufferInner {
+    fn drop(&mut self) {
+        // SAFETY: a recorder holds an `Arc` of every buffer it binds until its fence has signalled,
+        // so the last owner drops after the device has finished with it.
+        unsafe {
+            if let Some(view) = self.view.take() {
+                self.device.raw.destroy_buffer_view(view, None);
+            }
+            self.device.raw.destroy_buffer(self.handle, None);
+        }
+        if let Some(allocation) = self.allocation.take() {
+            self.device.memory().free(allocation);
+        }
+    }
+}
+
+impl Device {
+    /// A buffer of `len` zeros.
+    ///
+    /// # Errors
+    /// [`KernelError::Allocation`] when memory runs out.
+    pub fn buffer<T: Element>(&self, name: &str, len: usize) -> Result<Buffer<T>, KernelError> {
+        let bytes = (len * size_of::<T>()) as u64;
+        let inner = Arc::new(BufferInner::new(self.inner(), name, bytes, MemoryLocation::GpuOnly)?);
+        let mut buffer = Buffer { inner, len, element: PhantomData };
+        buffer.clear()?;
+        Ok(buffer)
+    }
+
+    /// A buffer holding `data`.
+    ///
+    /// # Errors
+    /// [`KernelError::Allocation`] when memory runs out.
+    pub fn buffer_from<T: Element>(&self, name: &str, data: &[T]) -> Result<Buffer<T>, KernelError> {
+        let mut buffer = self.buffer(name, data.len())?;
+        buffer.write(data)?;
+        Ok(buffer)
+    }
+}
+
+impl<T: Element> Buffer<T> {
+    /// Number of elements.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether it holds no element.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Name given at creation.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.inner.name
+    }
+
+    /// All elements.
+    ///
+    /// # Errors
+    /// When the copy from device memory fails.
+    pub fn read(&self) -> Result<Vec<T>, KernelError> {
+        self.read_range(0..self.len)
+    }
+
+    /// Some elements.
+    ///
+    /// # Errors
+    /// When the range leaves the buffer, or the copy from device memory fails.
+    pub fn read_range(&self, range: Range<usize>) -> Result<Vec<T>, KernelError> {
+        self.check_range("read", range.end)?;
+        let mut out = vec![T::zeroed(); range.len()];
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut out);
+        let offset = range.start * size_of::<T>();
+        if let Some(source) = self.inner.mapped() {
+            // SAFETY: `source` maps the whole buffer, the range was checked, submissions are waited
+            // for before anything reads, and `out` is a fresh host allocation.
+            unsafe { std::ptr::copy_nonoverlapping(source.add(offset), bytes.as_mut_ptr(), bytes.len()) };
+        } else if !bytes.is_empty() {
+            let staging =
+                BufferInner::new(&self.inner.device, "read-back", bytes.len() as u64, MemoryLocation::GpuToCpu)?;
+            let staging = Arc::new(staging);
+            self.inner.device.copy_now(&self.inner, offset as u64, &staging, 0, bytes.len() as u64)?;
+            let source = staging.mapped().ok_or_else(|| unmapped(&staging))?;
+            // SAFETY: as above; the copy has finished and `staging` is at least as long.
+            unsafe { std::ptr::copy_nonoverlapping(source, bytes.as_mut_ptr(), bytes.len()) };
+        }
+        Ok(out)
+    }
+
+    /// Replaces all elements.
+    ///
+    /// # Errors
+    /// [`KernelError::Shape`] when the lengths differ.
+    pub fn write(&mut self, data: &[T]) -> Result<(), KernelError> {
+        if data.len() != self.len {
+            return Err(self.range_error("write", data.len()));
+        }
+        self.write_at(0, data)
+    }
+
+    /// Replaces the elements from `offset` on.
+    ///
+    /// # Errors
+    /// [`KernelError::Shape`] when the range leaves the buffer.
+    pub fn write_at(&mut self, offset: usize, data: &[T]) -> Result<(), KernelError> {
+        self.check_range("write", offset + data.len())?;
+        self.write_bytes(offset * size_of::<T>(), bytemuck::cast_slice(data))
+    }
+
+    fn clear(&mut self) -> Result<(), KernelError> {
+        let zeros = vec![0u8; usize::try_from(self.inner.bytes).unwrap_or(usize::MAX)];
+        self.write_bytes(0, &zeros)
+    }
+
+    fn write_bytes(&mut self, offset: usize, bytes: &[u8]) -> Result<(), KernelError> {
+        if let Some(target) = self.inner.mapped() {
+            // SAFETY: `target` maps the whole buffer and the callers checked the range; submissions
+            // are waited for, so the device does not use it now.
+            unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), target.add(offset), bytes.len()) };
+        } else if !bytes.is_empty() {
+            let staging = BufferInner::new(&self.inner.device, "upload", bytes.len() as u64, MemoryLocation::CpuToGpu)?;
+            let target = staging.mapped().ok_or_else(|| unmapped(&staging))?;
+            // SAFETY: `staging` is at least `bytes.len()` long and not yet used by the device.
+            unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), target, bytes.len()) };
+            self.inner.device.copy_now(&Arc::new(staging), 0, &self.inner, offset as u64, bytes.len() as u64)?;
+        }
+        Ok(())
+    }
+
+    fn check_range(&self, what: &'static str, end: usize) -> Result<(), KernelError> {
+        if end > self.len { Err(self.range_error(what, end)) } else { Ok(()) }
+    }
+
+    fn range_error(&self, what: &'static str, end: usize) -> KernelError {
+        KernelError::Shape {
+            kernel: "host copy",
+            buffer: what,
+            got: format!("{end} elements"),
+            expected: format!("{} elements in `{}`", self.len, self.name()),
+        }
+    }
+}
+
+fn unmapped(buffer: &BufferInner) -> KernelError {
+    KernelError::Allocation {
+        name: buffer.name.clone(),
+        bytes: buffer.bytes,
+        reason: "staging memory is not host-visible".to_owned(),
+    }
+}

@@ -1,0 +1,28 @@
+//! Everything that talks to Vulkan; the only place with `unsafe`.
+
+mod buffer;
+mod debug;
+mod device;
+mod memory;
+mod pipeline;
+mod recorder;
+mod select;
+
+pub use buffer::{Buffer, Element};
+pub use debug::take_validation_errors;
+pub use device::{Device, DeviceInfo, MemoryUse};
+pub use pipeline::{BindingDef, BindingKind, KernelDef};
+pub use recorder::{Bindings, Bound, Grid, PassTime, Recorder, Timings};
+pub use select::DeviceSelect;
+
+use ash::vk;
+
+use crate::error::KernelError;
+
+/// Turns a Vulkan result into an error that names the call.
+fn check<T>(call: &'static str, result: Result<T, vk::Result>) -> Result<T, KernelError> {
+    result.map_err(|code| match code {
+        vk::Result::ERROR_DEVICE_LOST => KernelError::DeviceLost { last_pass: call.to_owned() },
+        other => KernelError::Vulkan { call, code: other.to_string() },
+    })
+}

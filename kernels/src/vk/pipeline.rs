@@ -1,0 +1,150 @@
+//! Compute pipelines, one per kernel and set of specialisation constants, created on first use.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex};
+
+use ash::vk;
+
+use super::check;
+use crate::error::KernelError;
+
+/// How a descriptor is bound.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BindingKind {
+    /// Shader storage buffer.
+    Storage,
+    /// Storage texel buffer of `rgba32f` texels.
+    TexelF32,
+    /// Storage texel buffer of `rgba32ui` texels.
+    TexelU32,
+}
+
+impl BindingKind {
+    pub(super) fn descriptor_type(self) -> vk::DescriptorType {
+        match self {
+            Self::Storage => vk::DescriptorType::STORAGE_BUFFER,
+            Self::TexelF32 | Self::TexelU32 => vk::DescriptorType::STORAGE_TEXEL_BUFFER,
+        }
+    }
+}
+
+/// One reflected descriptor.
+#[derive(Debug)]
+pub struct BindingDef {
+    /// Field name in the generated `Bind`.
+    pub name: &'static str,
+    /// Binding number in set 0.
+    pub number: u32,
+    /// How it is bound.
+    pub kind: BindingKind,
+}
+
+/// One reflected kernel.
+#[derive(Debug)]
+pub struct KernelDef {
+    /// `family/stem`.
+    pub name: &'static str,
+    /// SPIR-V bytes.
+    pub spirv: &'static [u8],
+    /// Descriptors by binding number.
+    pub bindings: &'static [BindingDef],
+    /// Size of the push-constant block.
+    pub params_bytes: u32,
+    /// Ids of the specialisation constants, in the order of the generated `Spec`.
+    pub spec_ids: &'static [u32],
+    /// Workgroup size.
+    pub local_size: [u32; 3],
+}
+
+pub(super) struct Pipeline {
+    pub(super) handle: vk::Pipeline,
+    pub(super) layout: vk::PipelineLayout,
+    pub(super) set_layout: vk::DescriptorSetLayout,
+}
+
+/// Kernel name and bytes of its specialisation constants.
+type Key = (&'static str, Vec<u8>);
+
+#[derive(Default)]
+pub(super) struct PipelineCache {
+    made: Mutex<HashMap<Key, Arc<Pipeline>>>,
+}
+
+impl PipelineCache {
+    pub(super) fn get(
+        &self,
+        device: &ash::Device,
+        kernel: &'static KernelDef,
+        spec: &[u8],
+    ) -> Result<Arc<Pipeline>, KernelError> {
+        let mut made = self.made.lock().expect("no panic happens while the cache is locked");
+        if let Some(pipeline) = made.get(&(kernel.name, spec.to_vec())) {
+            return Ok(Arc::clone(pipeline));
+        }
+        let pipeline = Arc::new(create(device, kernel, spec)?);
+        made.insert((kernel.name, spec.to_vec()), Arc::clone(&pipeline));
+        Ok(pipeline)
+    }
+
+    /// Destroys every pipeline; called once, when the device goes.
+    pub(super) fn destroy(&self, device: &ash::Device) {
+        let mut made = self.made.lock().expect("no panic happens while the cache is locked");
+        for (_, pipeline) in made.drain() {
+            // SAFETY: the device is going down, so no recorder (each holds the device alive) can
+            // still use these handles.
+            unsafe {
+                device.destroy_pipeline(pipeline.handle, None);
+                device.destroy_pipeline_layout(pipeline.layout, None);
+                device.destroy_descriptor_set_layout(pipeline.set_layout, None);
+            }
+        }
+    }
+}
+
+fn create(device: &ash::Device, kernel: &'static KernelDef, spec: &[u8]) -> Result<Pipeline, KernelError> {
+    let bindings: Vec<_> = kernel
+        .bindings
+        .iter()
+        .map(|b| {
+            vk::DescriptorSetLayoutBinding::default()
+                .binding(b.number)
+                .descriptor_type(b.kind.descriptor_type())
+                .descriptor_count(1)
+                .stage_flags(vk::ShaderStageFlags::COMPUTE)
+        })
+        .collect();
+    let entries: Vec<_> = kernel
+        .spec_ids
+        .iter()
+        .zip(0u32..)
+        .map(|(&id, i)| vk::SpecializationMapEntry { constant_id: id, offset: i * 4, size: 4 })
+        .collect();
+    let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(spec);
+    let words: Vec<u32> = kernel.spirv.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect();
+    // SAFETY: the create infos live through each call; partially created objects leak only when
+    // the device is already unusable.
+    unsafe {
+        let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+        let set_layout = check("vkCreateDescriptorSetLayout", device.create_descriptor_set_layout(&info, None))?;
+        let ranges =
+            [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(kernel.params_bytes)];
+        let set_layouts = [set_layout];
+        let mut info = vk::PipelineLayoutCreateInfo::default().set_layouts(&set_layouts);
+        if kernel.params_bytes > 0 {
+            info = info.push_constant_ranges(&ranges);
+        }
+        let layout = check("vkCreatePipelineLayout", device.create_pipeline_layout(&info, None))?;
+        let info = vk::ShaderModuleCreateInfo::default().code(&words);
+        let module = check("vkCreateShaderModule", device.create_shader_module(&info, None))?;
+        let stage = vk::PipelineShaderStageCreateInfo::default()
+            .stage(vk::ShaderStageFlags::COMPUTE)
+            .module(module)
+            .name(c"main")
+            .specialization_info(&specialization);
+        let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout)];
+        let made = device.create_compute_pipelines(vk::PipelineCache::null(), &info, None);
+        device.destroy_shader_module(module, None);
+        let handle = check("vkCreateComputePipelines", made.map_err(|(_, code)| code))?[0];
+        Ok(Pipeline { handle, layout, set_layout })
+    }
+}

@@ -1,0 +1,516 @@
+//! Recording dispatches and copies with the barriers that `&` and `&mut` imply.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+use std::time::Duration;
+
+use ash::vk;
+
+use super::buffer::{Buffer, BufferInner, Element};
+use super::check;
+use super::device::{Device, DeviceInner};
+use super::pipeline::{BindingKind, KernelDef, Pipeline};
+use crate::error::KernelError;
+
+/// Descriptor sets per pool; a recorder takes as many pools as it needs and keeps them.
+const SETS_PER_POOL: u32 = 256;
+/// Passes of one submission that are timed; later ones run untimed.
+const TIMED_PASSES: u32 = 4096;
+
+/// How many workgroups to start.
+#[derive(Clone, Copy, Debug)]
+pub enum Grid {
+    /// At least this many invocations; the shader takes its index from `global_index()`.
+    Threads(usize),
+    /// Exactly these workgroups.
+    Groups([u32; 3]),
+}
+
+impl Grid {
+    /// At least `n` invocations.
+    #[must_use]
+    pub fn threads(n: usize) -> Self {
+        Self::Threads(n)
+    }
+
+    /// Exactly `x × y × z` workgroups.
+    #[must_use]
+    pub fn groups(x: u32, y: u32, z: u32) -> Self {
+        Self::Groups([x, y, z])
+    }
+
+    fn resolve(self, kernel: &KernelDef, max_x: u32) -> Result<[u32; 3], KernelError> {
+        let groups = match self {
+            Self::Groups(groups) => groups,
+            Self::Threads(n) => {
+                let groups = n.div_ceil(kernel.local_size[0] as usize);
+                let x = groups.min(max_x as usize);
+                let y = if x == 0 { 0 } else { groups.div_ceil(x) };
+                [u32::try_from(x).unwrap_or(u32::MAX), u32::try_from(y).unwrap_or(u32::MAX), 1]
+            }
+        };
+        if groups.iter().any(|&g| g > max_x) {
+            return Err(KernelError::Shape {
+                kernel: kernel.name,
+                buffer: "grid",
+                got: format!("{groups:?} workgroups"),
+                expected: format!("at most {max_x} along each axis"),
+            });
+        }
+        Ok(groups)
+    }
+}
+
+/// One buffer of a dispatch.
+pub struct Bound {
+    buffer: Arc<BufferInner>,
+    format: vk::Format,
+    writes: bool,
+}
+
+impl Bound {
+    /// The shader only reads it.
+    #[must_use]
+    pub fn read<T: Element>(buffer: &Buffer<T>) -> Self {
+        Self { buffer: Arc::clone(&buffer.inner), format: T::TEXEL_FORMAT, writes: false }
+    }
+
+    /// The shader may write it.
+    #[must_use]
+    pub fn write<T: Element>(buffer: &mut Buffer<T>) -> Self {
+        Self { buffer: Arc::clone(&buffer.inner), format: T::TEXEL_FORMAT, writes: true }
+    }
+}
+
+/// Implemented by every generated `Bind`.
+pub trait Bindings {
+    /// Push constants of the kernel.
+    type Params: bytemuck::Pod;
+    /// Specialisation constants of the kernel, `()` for none.
+    type Spec: bytemuck::Pod;
+    /// Buffers in binding order.
+    type List: AsRef<[Bound]>;
+    /// The kernel itself.
+    fn kernel(&self) -> &'static KernelDef;
+    /// Buffers in binding order.
+    fn list(self) -> Self::List;
+}
+
+/// Device time of one pass.
+#[derive(Clone, Debug)]
+pub struct PassTime {
+    /// Kernel name `family/stem`, or `copy` / `fill`.
+    pub name: &'static str,
+    /// Device time.
+    pub time: Duration,
+}
+
+/// Device time of a submission, pass by pass.
+#[derive(Clone, Debug, Default)]
+pub struct Timings {
+    /// Passes in order of execution.
+    pub passes: Vec<PassTime>,
+}
+
+impl Timings {
+    /// Sum over all passes.
+    #[must_use]
+    pub fn total(&self) -> Duration {
+        self.passes.iter().map(|p| p.time).sum()
+    }
+
+    /// Sum over the passes of one kernel.
+    #[must_use]
+    pub fn of(&self, name: &str) -> Duration {
+        self.passes.iter().filter(|p| p.name == name).map(|p| p.time).sum()
+    }
+}
+
+/// Command pool, fence, queries and descriptor pools that recorders hand on to each other.
+pub(super) struct Slot {
+    pool: vk::CommandPool,
+    commands: vk::CommandBuffer,
+    fence: vk::Fence,
+    queries: vk::QueryPool,
+    descriptors: Vec<vk::DescriptorPool>,
+}
+
+impl Slot {
+    fn new(device: &DeviceInner) -> Result<Self, KernelError> {
+        let raw = &device.raw;
+        // SAFETY: all create infos are valid; the handles are destroyed in `destroy`.
+        unsafe {
+            let info = vk::CommandPoolCreateInfo::default().queue_family_index(device.queue_family);
+            let pool = check("vkCreateCommandPool", raw.create_command_pool(&info, None))?;
+            let info = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
+            let commands = check("vkAllocateCommandBuffers", raw.allocate_command_buffers(&info))?[0];
+            let fence = check("vkCreateFence", raw.create_fence(&vk::FenceCreateInfo::default(), None))?;
+            let info =
+                vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(TIMED_PASSES + 1);
+            let queries = check("vkCreateQueryPool", raw.create_query_pool(&info, None))?;
+            Ok(Self { pool, commands, fence, queries, descriptors: Vec::new() })
+        }
+    }
+
+    pub(super) fn destroy(self, device: &ash::Device) {
+        // SAFETY: the last submission of this slot was waited for.
+        unsafe {
+            for pool in self.descriptors {
+                device.destroy_descriptor_pool(pool, None);
+            }
+            device.destroy_query_pool(self.queries, None);
+            device.destroy_fence(self.fence, None);
+            device.destroy_command_pool(self.pool, None);
+        }
+    }
+}
+
+/// Records passes in order; nothing runs before [`Recorder::submit`].
+pub struct Recorder {
+    device: Arc<DeviceInner>,
+    slot: Option<Slot>,
+    sets_used: u32,
+    /// Kept alive until the fence has signalled.
+    buffers: Vec<Arc<BufferInner>>,
+    pipelines: Vec<Arc<Pipeline>>,
+    passes: Vec<&'static str>,
+    unsynced_reads: HashSet<vk::Buffer>,
+    unsynced_writes: HashSet<vk::Buffer>,
+}
+
+impl Device {
+    /// A recorder with nothing in it.
+    ///
+    /// # Errors
+    /// When the device refuses a command buffer.
+    pub fn recorder(&self) -> Result<Recorder, KernelError> {
+        Recorder::new(self.inner())
+    }
+}
+
+impl Recorder {
+    pub(super) fn new(device: &Arc<DeviceInner>) -> Result<Self, KernelError> {
+        let spare = device.slots.lock().expect("no panic happens while slots are locked").pop();
+        let slot = match spare {
+            Some(slot) => slot,
+            None => Slot::new(device)?,
+        };
+        let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: a spare slot's work has finished, so its pools may be reset.
+        unsafe {
+            let raw = &device.raw;
+            check("vkResetCommandPool", raw.reset_command_pool(slot.pool, vk::CommandPoolResetFlags::empty()))?;
+            for &pool in &slot.descriptors {
+                check("vkResetDescriptorPool", raw.reset_descriptor_pool(pool, vk::DescriptorPoolResetFlags::empty()))?;
+            }
+            check("vkBeginCommandBuffer", raw.begin_command_buffer(slot.commands, &info))?;
+            raw.cmd_reset_query_pool(slot.commands, slot.queries, 0, TIMED_PASSES + 1);
+            raw.cmd_write_timestamp(slot.commands, vk::PipelineStageFlags::TOP_OF_PIPE, slot.queries, 0);
+        }
+        Ok(Self {
+            device: Arc::clone(device),
+            slot: Some(slot),
+            sets_used: 0,
+            buffers: Vec::new(),
+            pipelines: Vec::new(),
+            passes: Vec::new(),
+            unsynced_reads: HashSet::new(),
+            unsynced_writes: HashSet::new(),
+        })
+    }
+
+    /// Records a kernel without specialisation constants.
+    ///
+    /// # Errors
+    /// When the grid exceeds the device's limit, or a pipeline or descriptor cannot be made.
+    pub fn dispatch<B: Bindings<Spec = ()>>(
+        &mut self,
+        bind: B,
+        params: B::Params,
+        grid: Grid,
+    ) -> Result<(), KernelError> {
+        self.dispatch_spec(bind, params, (), grid)
+    }
+
+    /// Records a kernel with specialisation constants. An empty grid records nothing.
+    ///
+    /// # Errors
+    /// As [`Recorder::dispatch`].
+    pub fn dispatch_spec<B: Bindings>(
+        &mut self,
+        bind: B,
+        params: B::Params,
+        spec: B::Spec,
+        grid: Grid,
+    ) -> Result<(), KernelError> {
+        let kernel = bind.kernel();
+        let groups = grid.resolve(kernel, self.device.info.max_groups_x)?;
+        if groups.contains(&0) {
+            return Ok(());
+        }
+        let pipeline = self.device.pipelines.get(&self.device.raw, kernel, bytemuck::bytes_of(&spec))?;
+        let list = bind.list();
+        self.synchronise(list.as_ref());
+        let set = self.descriptor_set(kernel, &pipeline, list.as_ref())?;
+        let commands = self.slot().commands;
+        // SAFETY: recording is open; pipeline, set and buffers are kept alive until the fence.
+        unsafe {
+            let raw = &self.device.raw;
+            raw.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline.handle);
+            raw.cmd_bind_descriptor_sets(commands, vk::PipelineBindPoint::COMPUTE, pipeline.layout, 0, &[set], &[]);
+            if kernel.params_bytes > 0 {
+                let bytes = bytemuck::bytes_of(&params);
+                raw.cmd_push_constants(commands, pipeline.layout, vk::ShaderStageFlags::COMPUTE, 0, bytes);
+            }
+            raw.cmd_dispatch(commands, groups[0], groups[1], groups[2]);
+        }
+        self.pipelines.push(pipeline);
+        self.end_pass(kernel.name);
+        Ok(())
+    }
+
+    /// Sets every element to `value`.
+    pub fn fill<T: Element>(&mut self, buffer: &mut Buffer<T>, value: T) {
+        let bound = [Bound::write(buffer)];
+        self.synchronise(&bound);
+        let bits = bytemuck::cast(value_bytes(value));
+        // SAFETY: recording is open; the buffer is kept alive until the fence.
+        unsafe {
+            self.device.raw.cmd_fill_buffer(self.slot().commands, buffer.inner.handle, 0, vk::WHOLE_SIZE, bits);
+        }
+        self.end_pass("fill");
+    }
+
+    /// Copies `len` elements.
+    ///
+    /// # Errors
+    /// [`KernelError::Shape`] when a range leaves its buffer.
+    pub fn copy<T: Element>(
+        &mut self,
+        from: &Buffer<T>,
+        from_offset: usize,
+        to: &mut Buffer<T>,
+        to_offset: usize,
+        len: usize,
+    ) -> Result<(), KernelError> {
+        for (buffer, end) in [(from, from_offset + len), (&*to, to_offset + len)] {
+            if end > buffer.len() {
+                return Err(KernelError::Shape {
+                    kernel: "copy",
+                    buffer: "range",
+                    got: format!("{end} elements"),
+                    expected: format!("{} elements in `{}`", buffer.len(), buffer.name()),
+                });
+            }
+        }
+        if len > 0 {
+            let size = size_of::<T>();
+            let region = vk::BufferCopy {
+                src_offset: (from_offset * size) as u64,
+                dst_offset: (to_offset * size) as u64,
+                size: (len * size) as u64,
+            };
+            self.copy_region(&from.inner, &to.inner, region);
+        }
+        Ok(())
+    }
+
+    pub(super) fn copy_region(&mut self, from: &Arc<BufferInner>, to: &Arc<BufferInner>, region: vk::BufferCopy) {
+        let format = vk::Format::UNDEFINED;
+        self.synchronise(&[
+            Bound { buffer: Arc::clone(from), format, writes: false },
+            Bound { buffer: Arc::clone(to), format, writes: true },
+        ]);
+        // SAFETY: recording is open; ranges were checked; both buffers are kept until the fence.
+        unsafe { self.device.raw.cmd_copy_buffer(self.slot().commands, from.handle, to.handle, &[region]) };
+        self.end_pass("copy");
+    }
+
+    /// Runs what was recorded, waits for it, and returns the device time of each pass.
+    ///
+    /// # Errors
+    /// [`KernelError::DeviceLost`] naming the last pass that finished.
+    pub fn submit(mut self) -> Result<Timings, KernelError> {
+        let slot = self.slot.take().expect("only submit and drop take the slot");
+        let barrier = [vk::MemoryBarrier::default()
+            .src_access_mask(vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE)
+            .dst_access_mask(vk::AccessFlags::HOST_READ)];
+        // SAFETY: recording is open and ends here; everything recorded is kept alive by `self`.
+        let ended = unsafe {
+            self.device.raw.cmd_pipeline_barrier(
+                slot.commands,
+                vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER,
+                vk::PipelineStageFlags::HOST,
+                vk::DependencyFlags::empty(),
+                &barrier,
+                &[],
+                &[],
+            );
+            check("vkEndCommandBuffer", self.device.raw.end_command_buffer(slot.commands))
+        };
+        let done = ended.and_then(|()| self.device.submit_and_wait(slot.commands, slot.fence));
+        let result = match done {
+            Ok(()) => self.timings(&slot),
+            Err(KernelError::DeviceLost { .. }) => {
+                Err(KernelError::DeviceLost { last_pass: self.last_finished(&slot).to_owned() })
+            }
+            Err(other) => Err(other),
+        };
+        self.slot = Some(slot);
+        result
+    }
+
+    fn timed(&self) -> usize {
+        self.passes.len().min(TIMED_PASSES as usize)
+    }
+
+    fn timings(&self, slot: &Slot) -> Result<Timings, KernelError> {
+        let mut ticks = vec![0u64; self.timed() + 1];
+        // SAFETY: the queries were reset and written by the submission that has finished.
+        check("vkGetQueryPoolResults", unsafe {
+            self.device.raw.get_query_pool_results(slot.queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64)
+        })?;
+        let period = f64::from(self.device.info.timestamp_period_ns);
+        let nanos = |pair: &[u64]| pair[1].saturating_sub(pair[0]) as f64 * period;
+        let times = ticks.windows(2).map(|pair| Duration::from_secs_f64(nanos(pair) * 1e-9));
+        Ok(Timings { passes: self.passes.iter().zip(times).map(|(&name, time)| PassTime { name, time }).collect() })
+    }
+
+    /// Name of the last pass whose timestamp arrived, for the report of a lost device.
+    fn last_finished(&self, slot: &Slot) -> &'static str {
+        let mut results = vec![[0u64; 2]; self.timed() + 1];
+        let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WITH_AVAILABILITY;
+        // SAFETY: the query pool is alive; on a lost device the call returns what is there.
+        let _ = unsafe { self.device.raw.get_query_pool_results(slot.queries, 0, &mut results, flags) };
+        let finished = results.iter().skip(1).take_while(|r| r[1] != 0).count();
+        finished.checked_sub(1).and_then(|i| self.passes.get(i)).copied().unwrap_or("none")
+    }
+
+    fn slot(&self) -> &Slot {
+        self.slot.as_ref().expect("only submit and drop take the slot")
+    }
+
+    /// Emits a barrier when a buffer was touched since the last one in a way that conflicts.
+    fn synchronise(&mut self, list: &[Bound]) {
+        let conflict = list.iter().any(|b| {
+            let handle = b.buffer.handle;
+            self.unsynced_writes.contains(&handle) || (b.writes && self.unsynced_reads.contains(&handle))
+        });
+        if conflict {
+            use vk::AccessFlags as Access;
+            let writes = Access::SHADER_WRITE | Access::TRANSFER_WRITE;
+            let barrier = [vk::MemoryBarrier::default()
+                .src_access_mask(writes)
+                .dst_access_mask(writes | Access::SHADER_READ | Access::TRANSFER_READ)];
+            let stages = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
+            // SAFETY: recording is open.
+            unsafe {
+                self.device.raw.cmd_pipeline_barrier(
+                    self.slot().commands,
+                    stages,
+                    stages,
+                    vk::DependencyFlags::empty(),
+                    &barrier,
+                    &[],
+                    &[],
+                );
+            }
+            self.unsynced_reads.clear();
+            self.unsynced_writes.clear();
+        }
+        for b in list {
+            let touched = if b.writes { &mut self.unsynced_writes } else { &mut self.unsynced_reads };
+            touched.insert(b.buffer.handle);
+            self.buffers.push(Arc::clone(&b.buffer));
+        }
+    }
+
+    fn end_pass(&mut self, name: &'static str) {
+        self.passes.push(name);
+        if let Ok(query @ ..=TIMED_PASSES) = u32::try_from(self.passes.len()) {
+            let slot = self.slot();
+            // SAFETY: recording is open and the query was reset at its start.
+            unsafe {
+                self.device.raw.cmd_write_timestamp(
+                    slot.commands,
+                    vk::PipelineStageFlags::BOTTOM_OF_PIPE,
+                    slot.queries,
+                    query,
+                );
+            }
+        }
+    }
+
+    fn descriptor_set(
+        &mut self,
+        kernel: &'static KernelDef,
+        pipeline: &Pipeline,
+        list: &[Bound],
+    ) -> Result<vk::DescriptorSet, KernelError> {
+        let pool = self.descriptor_pool()?;
+        let layouts = [pipeline.set_layout];
+        let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool).set_layouts(&layouts);
+        // SAFETY: the pool has room (counted in `descriptor_pool`).
+        let set = check("vkAllocateDescriptorSets", unsafe { self.device.raw.allocate_descriptor_sets(&info) })?[0];
+        let limit = u64::from(self.device.info.max_storage_bytes);
+        for (def, bound) in kernel.bindings.iter().zip(list) {
+            let buffers = [vk::DescriptorBufferInfo::default().buffer(bound.buffer.handle).range(vk::WHOLE_SIZE)];
+            let write = vk::WriteDescriptorSet::default()
+                .dst_set(set)
+                .dst_binding(def.number)
+                .descriptor_type(def.kind.descriptor_type());
+            let views;
+            let write = if def.kind == BindingKind::Storage {
+                if bound.buffer.bytes > limit {
+                    return Err(too_large(kernel.name, def.name, bound, limit));
+                }
+                write.buffer_info(&buffers)
+            } else {
+                views = [bound.buffer.texel_view(bound.format)?];
+                write.texel_buffer_view(&views)
+            };
+            // SAFETY: the set is not in use yet and the infos live through the call.
+            unsafe { self.device.raw.update_descriptor_sets(&[write], &[]) };
+        }
+        Ok(set)
+    }
+
+    /// The pool with room for one more set.
+    fn descriptor_pool(&mut self) -> Result<vk::DescriptorPool, KernelError> {
+        let index = (self.sets_used / SETS_PER_POOL) as usize;
+        self.sets_used += 1;
+        if let Some(&pool) = self.slot().descriptors.get(index) {
+            return Ok(pool);
+        }
+        let size = |ty| vk::DescriptorPoolSize { ty, descriptor_count: SETS_PER_POOL * 8 };
+        let sizes = [size(vk::DescriptorType::STORAGE_BUFFER), size(vk::DescriptorType::STORAGE_TEXEL_BUFFER)];
+        let info = vk::DescriptorPoolCreateInfo::default().max_sets(SETS_PER_POOL).pool_sizes(&sizes);
+        // SAFETY: the create info is valid; the slot destroys the pool.
+        let pool = check("vkCreateDescriptorPool", unsafe { self.device.raw.create_descriptor_pool(&info, None) })?;
+        self.slot.as_mut().expect("only submit and drop take the slot").descriptors.push(pool);
+        Ok(pool)
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        if let Some(slot) = self.slot.take() {
+            self.device.slots.lock().expect("no panic happens while slots are locked").push(slot);
+        }
+    }
+}
+
+fn value_bytes<T: Element>(value: T) -> [u8; 4] {
+    let mut bytes = [0; 4];
+    bytes.copy_from_slice(bytemuck::bytes_of(&value));
+    bytes
+}
+
+fn too_large(kernel: &'static str, buffer: &'static str, bound: &Bound, limit: u64) -> KernelError {
+    KernelError::Shape {
+        kernel,
+        buffer,
+        got: format!("`{}` of {} bytes", bound.buffer.name, bound.buffer.bytes),
+        expected: format!("at most {limit} bytes in one storage binding"),
+    }
+}

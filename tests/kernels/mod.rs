@@ -1,0 +1,3 @@
+//! Kernel tests, one file per op, in the folders of `glsl/`.
+
+mod optim;

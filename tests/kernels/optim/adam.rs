@@ -1,0 +1,79 @@
+//! optim/adam: GPU against the twin, and the twin against the update's closed form.
+
+use guard4d_kernels::optim::adam::{AdamConfig, AdamState, step};
+use guard4d_kernels::reference::optim::adam as twin;
+use guard4d_kernels::{KernelError, Recorder};
+
+use crate::support::close::assert_close;
+use crate::support::gpu::{Gpu, device};
+use crate::support::random::Random;
+
+fn twin_config(config: &AdamConfig, t: i32) -> twin::Adam<f32> {
+    let AdamConfig { lr, beta1, beta2, eps } = *config;
+    twin::Adam { lr, beta1, beta2, eps, bias1: 1.0 - beta1.powi(t), bias2: 1.0 - beta2.powi(t) }
+}
+
+fn run(gpu: &Gpu, record: impl FnOnce(&mut Recorder) -> Result<(), KernelError>) {
+    let mut rec = gpu.recorder().expect("recorder");
+    record(&mut rec).expect("records");
+    rec.submit().expect("runs");
+}
+
+#[test]
+fn first_step_moves_each_parameter_by_lr_against_its_gradient() {
+    // At t = 1 both bias corrections cancel: the step is lr g / (|g| + eps).
+    let config = twin::Adam { lr: 0.1, beta1: 0.9, beta2: 0.999, eps: 0.0, bias1: 1.0 - 0.9, bias2: 1.0 - 0.999 };
+    let mut param = [1.0f64, -2.0];
+    twin::step(&config, &mut param, &[3.0, -0.5], &mut [0.0; 2], &mut [0.0; 2]);
+    assert!((param[0] - 0.9).abs() < 1e-12 && (param[1] + 1.9).abs() < 1e-12, "{param:?}");
+}
+
+#[test]
+fn gpu_follows_the_twin_over_ten_steps() {
+    let Some(gpu) = device() else { return };
+    let config = AdamConfig { lr: 0.05, ..AdamConfig::default() };
+    for n in [1, 63, 64, 1000] {
+        let mut random = Random(n as u64);
+        let mut want = random.vec_f32(n, -1.0, 1.0);
+        let (mut m, mut v) = (vec![0.0; n], vec![0.0; n]);
+        let mut param = gpu.buffer_from("param", &want).expect("buffer");
+        let mut state = AdamState::new(&gpu, "param", n).expect("state");
+        for t in 1..=10 {
+            let grad = random.vec_f32(n, -1.0, 1.0);
+            let v_param = gpu.buffer_from("v_param", &grad).expect("buffer");
+            run(&gpu, |rec| step(rec, &mut param, &v_param, &mut state, &config));
+            twin::step(&twin_config(&config, t), &mut want, &grad, &mut m, &mut v);
+        }
+        // Ten steps of four roundings each, amplified by at most lr / sqrt(v): well under 1e-5.
+        assert_close(&param.read().expect("read"), &want, 1e-5, 0.0);
+        assert_close(&state.exp_avg.read().expect("read"), &m, 1e-6, 0.0);
+        assert_close(&state.exp_avg_sq.read().expect("read"), &v, 1e-6, 0.0);
+    }
+}
+
+#[test]
+fn poison_stays_in_its_own_element() {
+    let Some(gpu) = device() else { return };
+    let mut param = gpu.buffer_from("param", &[1.0f32; 4]).expect("buffer");
+    let v_param = gpu.buffer_from("v_param", &[f32::NAN, f32::INFINITY, 1e-40, 1.0]).expect("buffer");
+    let mut state = AdamState::new(&gpu, "param", 4).expect("state");
+    run(&gpu, |rec| step(rec, &mut param, &v_param, &mut state, &AdamConfig::default()));
+    let out = param.read().expect("read");
+    assert!(out[0].is_nan() && out[1].is_nan(), "NaN and Inf gradients show in the parameter: {out:?}");
+    assert!(out[2].is_finite() && (out[3] - 0.999).abs() < 1e-6, "the others are untouched by them: {out:?}");
+}
+
+#[test]
+fn wrong_lengths_are_refused_and_empty_is_fine() {
+    let Some(gpu) = device() else { return };
+    let mut param = gpu.buffer::<f32>("param", 4).expect("buffer");
+    let short = gpu.buffer::<f32>("v_param", 3).expect("buffer");
+    let mut state = AdamState::new(&gpu, "param", 4).expect("state");
+    let mut rec = gpu.recorder().expect("recorder");
+    let error = step(&mut rec, &mut param, &short, &mut state, &AdamConfig::default());
+    assert!(matches!(error, Err(KernelError::Shape { buffer: "v_param", .. })), "{error:?}");
+    let mut none = gpu.buffer::<f32>("param", 0).expect("buffer");
+    let v_none = gpu.buffer::<f32>("v_param", 0).expect("buffer");
+    let mut state = AdamState::new(&gpu, "param", 0).expect("state");
+    run(&gpu, |rec| step(rec, &mut none, &v_none, &mut state, &AdamConfig::default()));
+}

@@ -1,0 +1,50 @@
+//! The device that tests share, and the check that no validation message went unseen.
+
+use std::ops::Deref;
+use std::sync::OnceLock;
+
+use guard4d_kernels::vk::take_validation_errors;
+use guard4d_kernels::{Device, DeviceSelect};
+
+/// Derefs to the device; fails the test when it caused a validation error.
+pub(crate) struct Gpu(Device);
+
+impl Deref for Gpu {
+    type Target = Device;
+    fn deref(&self) -> &Device {
+        &self.0
+    }
+}
+
+impl Drop for Gpu {
+    fn drop(&mut self) {
+        let errors = take_validation_errors();
+        if !std::thread::panicking() {
+            assert!(errors.is_empty(), "validation errors:\n{}", errors.join("\n"));
+        }
+    }
+}
+
+/// The shared device (`GUARD4D_DEVICE` selects another than the default). `None`, with the reason
+/// printed, without a driver; with `GUARD4D_REQUIRE_VULKAN` set that fails the test.
+pub(crate) fn device() -> Option<Gpu> {
+    static DEVICE: OnceLock<Result<Device, String>> = OnceLock::new();
+    let opened = DEVICE.get_or_init(|| {
+        let wanted = std::env::var("GUARD4D_DEVICE").unwrap_or_else(|_| "auto".to_owned());
+        let select: DeviceSelect = wanted.parse()?;
+        Device::open(&select).map_err(|e| e.to_string())
+    });
+    let required = std::env::var_os("GUARD4D_REQUIRE_VULKAN").is_some();
+    match opened {
+        Ok(device) => {
+            assert!(!required || device.is_validated(), "the Vulkan validation layers are missing");
+            let _ = take_validation_errors();
+            Some(Gpu(device.clone()))
+        }
+        Err(why) => {
+            assert!(!required, "no Vulkan device: {why}");
+            eprintln!("SKIPPED: no Vulkan device: {why}");
+            None
+        }
+    }
+}
