@@ -3,7 +3,7 @@
     python3 engine/assets/generate/demo_scene.py --model ROBOT_FOLDER --out engine/assets/demo-scene
 
 1. Splats: farthest-point sampling over place at four times, normal and colour keeps `--splats` of them; each keeps
-   its own position and rotation, takes the mean SH of the splats nearest to it, and grows to cover their area.
+   its own position and rotation, takes the mean SH of the splats nearest to it, and grows to cover their cell.
 2. Deformation: the box of the planes shrinks to the scene and their spatial resolution to a half; planes and the
    position, scale and rotation heads are trained to give what the original gives for the kept splats at any time.
 
@@ -27,7 +27,7 @@ PAIRS = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
 HEADS = {"pos_deform": slice(0, 3), "scales_deform": slice(3, 6), "rotations_deform": slice(6, 10)}
 SH_DC = 0.28209479177387814
 # Columns of a 62-property PLY.
-XYZ, SH, SCALE, ROT = slice(0, 3), slice(6, 54), slice(55, 58), slice(58, 62)
+XYZ, SH, OPACITY, SCALE, ROT = slice(0, 3), slice(6, 54), 54, slice(55, 58), slice(58, 62)
 
 
 def read_ply(path):
@@ -90,6 +90,27 @@ def sample(features, count, rng):
     return np.array(kept), nearest
 
 
+def even_out(features, kept, nearest, rounds):
+    """Lloyd's rounds with members for centres: every splat kept moves to the member closest to its cell's mean."""
+    square = (features**2).sum(1)
+    for _ in range(rounds):
+        centres = cell_means(features, nearest, len(kept))
+        off = ((features - centres[nearest]) ** 2).sum(1)
+        order = np.lexsort((off, nearest))
+        kept = order[np.searchsorted(nearest[order], np.arange(len(kept)))]
+        for rows in np.array_split(np.arange(len(features)), 32):
+            distance = square[kept] - 2 * features[rows] @ features[kept].T
+            nearest[rows] = distance.argmin(1)
+        nearest[kept] = np.arange(len(kept))
+    return kept, nearest
+
+
+def cell_means(values, nearest, count):
+    total = np.zeros((count, values.shape[1]))
+    np.add.at(total, nearest, values)
+    return total / np.bincount(nearest, minlength=count)[:, None]
+
+
 def thin_out(splats, state, args):
     """The kept splats: own position, rotation and opacity; mean SH; scales that cover their cell."""
     points = torch.from_numpy(splats[:, XYZ].copy())
@@ -100,26 +121,22 @@ def thin_out(splats, state, args):
     sigma = np.exp(np.sort(splats[:, SCALE], 1)[:, 1:]).mean()
     cell = 2 * sigma * np.sqrt(len(splats) / args.splats)
     colour = 0.5 + SH_DC * splats[:, 6:9]
-    features = np.concatenate([np.concatenate(moved, 1) / 2, args.normal * cell * normals, args.colour * cell * colour], 1)
-    kept, nearest = sample(features.astype(np.float32), args.splats, np.random.default_rng(args.seed))
-
-    members = np.bincount(nearest, minlength=args.splats)[:, None]
-
-    def mean(values):
-        total = np.zeros((args.splats, values.shape[1]))
-        np.add.at(total, nearest, values)
-        return total / members
+    place = np.concatenate(moved, 1) / 2
+    features = np.concatenate([place, args.normal * cell * normals, args.colour * cell * colour], 1).astype(np.float32)
+    kept, nearest = sample(features, args.splats, np.random.default_rng(args.seed))
+    kept, nearest = even_out(features, kept, nearest, args.rounds)
 
     # Variance of the cell along each axis of its splat: spread of the members, plus their own extent.
     local = np.einsum("nik,ni->nk", frames[kept][nearest], splats[:, XYZ] - splats[kept][nearest][:, XYZ])
-    variance = mean(local**2 + np.exp(2 * splats[:, SCALE]))
+    variance = cell_means(local**2 + np.exp(2 * splats[:, SCALE]), nearest, args.splats)
     out = splats[kept].copy()
-    out[:, SH] = mean(splats[:, SH])
+    out[:, SH] = cell_means(splats[:, SH], nearest, args.splats)
     flat = thin[kept]
     scales = np.log(np.sqrt(variance) * args.grow)
     rows = np.arange(args.splats)
     scales[rows, flat] = splats[kept, SCALE.start + flat]
     out[:, SCALE] = scales
+    out[:, OPACITY] += args.firm
     return out
 
 
@@ -233,14 +250,16 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--model", type=Path, required=True)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--splats", type=int, default=10_000)
+    parser.add_argument("--splats", type=int, default=11_000)
     parser.add_argument("--seed", type=int, default=7)
-    parser.add_argument("--steps", type=int, default=2000)
+    parser.add_argument("--steps", type=int, default=2500)
     parser.add_argument("--batch", type=int, default=4096)
     parser.add_argument("--lr", type=float, default=0.01)
-    parser.add_argument("--grow", type=float, default=1.15, help="factor on the scales that cover a cell")
-    parser.add_argument("--normal", type=float, default=0.7, help="cells that a turn by one radian is worth")
-    parser.add_argument("--colour", type=float, default=4.0, help="cells that a full step of one colour is worth")
+    parser.add_argument("--rounds", type=int, default=4, help="rounds that even out the cells")
+    parser.add_argument("--grow", type=float, default=1.2, help="factor on the scales that cover a cell")
+    parser.add_argument("--firm", type=float, default=1.0, help="added to opacity logits, as fewer splats overlap")
+    parser.add_argument("--normal", type=float, default=0.35, help="cells that a turn by one radian is worth")
+    parser.add_argument("--colour", type=float, default=2.0, help="cells that a full step of one colour is worth")
     args = parser.parse_args()
     torch.set_num_threads(1)
     header, splats = read_ply(args.model / ITERATION / "point_cloud.ply")
