@@ -1,4 +1,5 @@
 //! Kernel tests, one file per op, in the folders of `glsl/`.
 
+mod loss;
 mod nn;
 mod optim;
