@@ -1,7 +1,11 @@
-//! The owner's message: secrets, tokens, evidence and receipts.
+//! The owner's message: secrets, tokens, embedding, evidence and receipts.
 
+pub mod capacity;
+pub mod decoder;
+mod decoder_training;
 pub mod digest;
 pub mod evidence;
+pub mod key;
 pub mod message;
 pub mod metrics;
 pub mod null_panel;
