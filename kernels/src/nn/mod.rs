@@ -1,0 +1,3 @@
+//! Layers of networks.
+
+pub mod conv3d;

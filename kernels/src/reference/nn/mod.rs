@@ -1,0 +1,3 @@
+//! Twins of `nn`.
+
+pub mod conv3d;
