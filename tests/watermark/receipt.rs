@@ -128,7 +128,7 @@ fn foreign_fields_versions_and_ruins_are_refused() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("receipt.json");
     let text = serde_json::to_string(&sealed()).expect("finite figures");
-    let mut refuse = |bytes: &[u8]| {
+    let refuse = |bytes: &[u8]| {
         fs::write(&path, bytes).expect("the folder is writable");
         let error = Receipt::read(&path).expect_err("refused");
         assert_eq!(error.exit_code(), 65, "{error}");
