@@ -1,6 +1,7 @@
 mod activation;
 mod attention;
 mod column_sum;
+mod conv3d;
 mod embedding;
 mod l2_normalize;
 mod layer_norm;

@@ -3,6 +3,7 @@
 pub mod activation;
 pub mod attention;
 pub mod column_sum;
+pub mod conv3d;
 pub mod embedding;
 pub mod l2_normalize;
 pub mod layer_norm;
