@@ -4,6 +4,7 @@
 pub mod error;
 pub mod media;
 pub mod tensor_file;
+pub mod train;
 pub mod watermark;
 
 pub use error::EngineError;

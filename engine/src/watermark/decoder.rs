@@ -84,6 +84,12 @@ struct FrozenLinear {
     bias: Buffer<f32>,
 }
 
+impl FrozenLinear {
+    fn product<'a>(&'a self, input: &'a Buffer<f32>, rows: usize) -> Product<'a> {
+        Product { bias: Some(&self.bias), ..Product::plain(input, rows, &self.weight) }
+    }
+}
+
 /// The frozen decoder on the device.
 #[derive(Debug)]
 pub struct Decoder {
@@ -154,15 +160,12 @@ impl Decoder {
         pass: &mut DecoderPass,
     ) -> Result<(), KernelError> {
         let rows = pass.rows;
-        let linear = |input, i: usize| {
-            let FrozenLinear { weight, bias, .. } = &self.layers[i];
-            Product { bias: Some(bias), ..Product::plain(input, rows, weight) }
-        };
-        matmul::forward(rec, &linear(features, 0), &mut pass.pre[0])?;
+        let [first, second, third] = &self.layers;
+        matmul::forward(rec, &first.product(features, rows), &mut pass.pre[0])?;
         activation::forward(rec, Activation::Gelu, &pass.pre[0], &mut pass.hidden[0])?;
-        matmul::forward(rec, &linear(&pass.hidden[0], 1), &mut pass.pre[1])?;
+        matmul::forward(rec, &second.product(&pass.hidden[0], rows), &mut pass.pre[1])?;
         activation::forward(rec, Activation::Gelu, &pass.pre[1], &mut pass.hidden[1])?;
-        matmul::forward(rec, &linear(&pass.hidden[1], 2), &mut pass.logits)
+        matmul::forward(rec, &third.product(&pass.hidden[1], rows), &mut pass.logits)
     }
 
     /// Gradient to the features from `pass.v_logits`, into `pass.v_features`.
@@ -172,12 +175,13 @@ impl Decoder {
     pub fn backward(&self, rec: &mut Recorder, pass: &mut DecoderPass) -> Result<(), KernelError> {
         let rows = pass.rows;
         let [v_pre0, v_pre1] = &mut pass.v_pre;
-        let through = |v, i: usize| Product::plain(v, rows, &self.layers[i].weight_t);
-        let grad = |pre| Epilogue::Grad(Activation::Gelu, pre);
-        let product = Product { epilogue: grad(&pass.pre[1]), ..through(&pass.v_logits, 2) };
+        let [first, second, third] = &self.layers;
+        let epilogue = Epilogue::Grad(Activation::Gelu, &pass.pre[1]);
+        let product = Product { epilogue, ..Product::plain(&pass.v_logits, rows, &third.weight_t) };
         matmul::forward(rec, &product, v_pre1)?;
-        let product = Product { epilogue: grad(&pass.pre[0]), ..through(v_pre1, 1) };
+        let epilogue = Epilogue::Grad(Activation::Gelu, &pass.pre[0]);
+        let product = Product { epilogue, ..Product::plain(v_pre1, rows, &second.weight_t) };
         matmul::forward(rec, &product, v_pre0)?;
-        matmul::forward(rec, &through(v_pre0, 0), &mut pass.v_features)
+        matmul::forward(rec, &Product::plain(v_pre0, rows, &first.weight_t), &mut pass.v_features)
     }
 }

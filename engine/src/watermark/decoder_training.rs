@@ -1,6 +1,6 @@
 //! Training of the message decoder on CLIP text features (Guard4D Sec. 3.2, Eq. 4–5).
 
-use guard4d_kernels::loss::bce;
+use guard4d_kernels::loss::bce::{self, Groups, Objective};
 use guard4d_kernels::nn::activation::{self, Activation};
 use guard4d_kernels::nn::column_sum;
 use guard4d_kernels::nn::matmul::{self, Epilogue, GradScratch, Product};
@@ -56,6 +56,7 @@ pub(super) struct Trainer {
     v_pre: [Buffer<f32>; LAYERS - 1],
     logits: Buffer<f32>,
     v_logits: Buffer<f32>,
+    value: Buffer<f32>,
 }
 
 impl Trainer {
@@ -81,6 +82,7 @@ impl Trainer {
             v_pre: [hidden("v_pre.0")?, hidden("v_pre.1")?],
             logits: device.buffer("trainer.logits", rows * bits)?,
             v_logits: device.buffer("trainer.v_logits", rows * bits)?,
+            value: device.buffer("trainer.value", 1)?,
         })
     }
 
@@ -125,7 +127,10 @@ impl Trainer {
             layer.pack(rec)?;
         }
         self.forward(rec)?;
-        bce::rows(rec, &self.logits, &self.targets, &mut self.v_logits)?;
+        let groups = Groups { groups: 1, rows: self.config.batch, bits: self.targets.len() / self.config.batch };
+        let (logits, targets) = (&self.logits, &self.targets);
+        bce::forward(rec, Objective::Bce, groups, (logits, targets), &mut self.value)?;
+        bce::backward(rec, (Objective::Bce, 1.0), groups, (logits, targets, &self.value), &mut self.v_logits)?;
         self.backward(rec)?;
         for layer in &mut self.layers {
             adam::step(rec, &mut layer.weight, &layer.v_weight, &mut layer.weight_state, adam)?;
@@ -136,16 +141,12 @@ impl Trainer {
 
     fn forward(&mut self, rec: &mut Recorder) -> Result<(), KernelError> {
         let rows = self.config.batch;
-        let layers = &self.layers;
-        let linear = |input, i: usize| {
-            let TrainedLinear { packed, bias, .. } = &layers[i];
-            Product { bias: Some(bias), ..Product::plain(input, rows, packed) }
-        };
-        matmul::forward(rec, &linear(&self.features, 0), &mut self.pre[0])?;
+        let [first, second, third] = &self.layers;
+        matmul::forward(rec, &first.product(&self.features, rows), &mut self.pre[0])?;
         activation::forward(rec, Activation::Gelu, &self.pre[0], &mut self.hidden[0])?;
-        matmul::forward(rec, &linear(&self.hidden[0], 1), &mut self.pre[1])?;
+        matmul::forward(rec, &second.product(&self.hidden[0], rows), &mut self.pre[1])?;
         activation::forward(rec, Activation::Gelu, &self.pre[1], &mut self.hidden[1])?;
-        matmul::forward(rec, &linear(&self.hidden[1], 2), &mut self.logits)
+        matmul::forward(rec, &third.product(&self.hidden[1], rows), &mut self.logits)
     }
 
     fn backward(&mut self, rec: &mut Recorder) -> Result<(), KernelError> {
@@ -191,6 +192,10 @@ impl TrainedLinear {
             inputs,
             outputs,
         })
+    }
+
+    fn product<'a>(&'a self, input: &'a Buffer<f32>, rows: usize) -> Product<'a> {
+        Product { bias: Some(&self.bias), ..Product::plain(input, rows, &self.packed) }
     }
 
     fn pack(&mut self, rec: &mut Recorder) -> Result<(), KernelError> {

@@ -5,7 +5,6 @@ pub mod decoder;
 mod decoder_training;
 pub mod digest;
 pub mod evidence;
-pub mod key;
 pub mod message;
 pub mod metrics;
 pub mod null_panel;
