@@ -24,15 +24,10 @@ fn files(tree: &str, extensions: &[&str]) -> Vec<PathBuf> {
             continue;
         };
         for entry in entries {
-            let path = entry
-                .expect("a folder of the checkout can be listed")
-                .path();
+            let path = entry.expect("a folder of the checkout can be listed").path();
             if path.is_dir() {
                 folders.push(path);
-            } else if path
-                .extension()
-                .is_some_and(|e| extensions.iter().any(|x| e == *x))
-            {
+            } else if path.extension().is_some_and(|e| extensions.iter().any(|x| e == *x)) {
                 found.push(path);
             }
         }
@@ -107,16 +102,9 @@ fn mirror_gaps(
         return vec![format!("{kernel}: the name has no _verb")];
     };
     let test = format!("tests/kernels/{family}/{op}.rs");
-    let wanted = [
-        format!("kernels/src/{family}/{op}.rs"),
-        format!("kernels/src/reference/{family}/{op}.rs"),
-        test.clone(),
-    ];
-    let mut gaps: Vec<_> = wanted
-        .iter()
-        .filter(|w| !exists(w))
-        .map(|w| format!("{kernel}: {w} is missing"))
-        .collect();
+    let wanted =
+        [format!("kernels/src/{family}/{op}.rs"), format!("kernels/src/reference/{family}/{op}.rs"), test.clone()];
+    let mut gaps: Vec<_> = wanted.iter().filter(|w| !exists(w)).map(|w| format!("{kernel}: {w} is missing")).collect();
     if stem.ends_with("_bwd") && exists(&test) && !test_text(&test).contains("gradcheck") {
         gaps.push(format!("{kernel}: {test} never calls gradcheck"));
     }
@@ -142,25 +130,13 @@ fn every_kernel_has_a_wrapper_a_twin_and_a_test() {
 #[test]
 fn mirror_rule_names_each_gap() {
     let nothing = mirror_gaps("optim", "adam_step", |_| false, |_| String::new());
-    assert_eq!(
-        nothing.len(),
-        3,
-        "wrapper, twin and test are all missing: {nothing:?}"
-    );
+    assert_eq!(nothing.len(), 3, "wrapper, twin and test are all missing: {nothing:?}");
     let unchecked = mirror_gaps("nn", "gelu_bwd", |_| true, |_| "fn empty() {}".into());
-    assert_eq!(
-        unchecked.len(),
-        1,
-        "only the gradient check is missing: {unchecked:?}"
-    );
+    assert_eq!(unchecked.len(), 1, "only the gradient check is missing: {unchecked:?}");
     let complete = mirror_gaps("nn", "gelu_bwd", |_| true, |_| "gradcheck(..)".into());
     assert!(complete.is_empty(), "nothing is missing: {complete:?}");
     let verbless = mirror_gaps("nn", "gelu", |_| true, |_| String::new());
-    assert_eq!(
-        verbless.len(),
-        1,
-        "a kernel name needs a verb: {verbless:?}"
-    );
+    assert_eq!(verbless.len(), 1, "a kernel name needs a verb: {verbless:?}");
 }
 
 #[test]
@@ -169,10 +145,7 @@ fn shaders_include_only_lib() {
         let line = code(line).trim();
         line.starts_with("#include") && !line.contains("\"lib/")
     };
-    assert!(
-        breaks("#include \"nn/gelu_fwd.comp\""),
-        "another family is refused"
-    );
+    assert!(breaks("#include \"nn/gelu_fwd.comp\""), "another family is refused");
     assert!(!breaks("#include \"lib/quat.glsl\""), "lib is accepted");
     assert_none("shaders include only lib/", &offences(&shaders(), breaks));
 }
@@ -180,10 +153,7 @@ fn shaders_include_only_lib() {
 #[test]
 fn only_kernels_names_the_vulkan_crate() {
     let word = concat!("a", "sh");
-    let outside: Vec<_> = rust_files()
-        .into_iter()
-        .filter(|p| !name(p).starts_with("kernels/"))
-        .collect();
+    let outside: Vec<_> = rust_files().into_iter().filter(|p| !name(p).starts_with("kernels/")).collect();
     let breaks = |line: &str| has_word(code(line), word);
     assert!(breaks(&format!("use {word}::vk;")), "a use is seen");
     assert!(!breaks("let hash = 1;"), "part of a word is not");
@@ -196,16 +166,10 @@ fn only_kernels_names_the_vulkan_crate() {
 #[test]
 fn unsafe_code_stays_in_the_device_layer() {
     let word = concat!("un", "safe");
-    let outside: Vec<_> = rust_files()
-        .into_iter()
-        .filter(|p| !name(p).starts_with("kernels/src/vk/"))
-        .collect();
+    let outside: Vec<_> = rust_files().into_iter().filter(|p| !name(p).starts_with("kernels/src/vk/")).collect();
     let breaks = |line: &str| has_word(code(line), word);
     assert!(breaks(&format!("{word} {{ f() }}")), "a block is seen");
-    assert!(
-        !breaks(&format!("#![forbid({word}_code)]")),
-        "the lint's name is not"
-    );
+    assert!(!breaks(&format!("#![forbid({word}_code)]")), "the lint's name is not");
     let found = offences(&outside, breaks);
     assert_none("such code only in kernels/src/vk", &found);
 }
@@ -255,14 +219,8 @@ fn nothing_is_left_for_later() {
 fn kernels_read_no_file_and_no_environment() {
     let marks = ["std::env", "env::var", "std::fs", "fs::", "File::open"];
     let breaks = |line: &str| marks.iter().any(|m| code(line).contains(m));
-    assert!(
-        breaks("let x = std::env::var(\"A\");"),
-        "a variable is seen"
-    );
-    assert!(
-        !breaks("include!(concat!(env!(\"OUT_DIR\")));"),
-        "build output is fine"
-    );
+    assert!(breaks("let x = std::env::var(\"A\");"), "a variable is seen");
+    assert!(!breaks("include!(concat!(env!(\"OUT_DIR\")));"), "build output is fine");
     let found = offences(&files("kernels/src", &["rs"]), breaks);
     assert_none("kernels reads no file and no environment", &found);
 }

@@ -23,9 +23,7 @@ pub enum KernelError {
     #[error("no Vulkan driver could be loaded: {reason}")]
     #[diagnostic(
         code(guard4d::kernels::no_driver),
-        help(
-            "install a Vulkan driver; on Debian/Ubuntu: apt-get install libvulkan1 mesa-vulkan-drivers"
-        )
+        help("install a Vulkan driver; on Debian/Ubuntu: apt-get install libvulkan1 mesa-vulkan-drivers")
     )]
     NoDriver {
         /// The loader's own words.

@@ -1,6 +1,8 @@
 //! CPU twins of the kernels: plain loops in the paper's order, generic over `f32` and `f64`.
 
 pub mod optim;
+pub mod scan;
+pub mod splat;
 
 use std::fmt::Debug;
 use std::iter::Sum;
