@@ -73,6 +73,15 @@ pub enum EngineError {
         /// What happened, with the end of its own messages.
         reason: String,
     },
+    /// A number that must be finite is not; nothing may be concluded from it.
+    #[error("{what}: {got}, expected finite numbers")]
+    #[diagnostic(code(guard4d::not_finite))]
+    NotFinite {
+        /// What was computed or given, with the place inside it.
+        what: String,
+        /// The offending value.
+        got: f64,
+    },
     /// The run was interrupted; a valid checkpoint was written.
     #[error("interrupted; checkpoint at {}", checkpoint.display())]
     #[diagnostic(code(guard4d::interrupted), help("run the same command with --resume to go on"))]
@@ -98,7 +107,7 @@ impl EngineError {
             )
             | Self::Program { .. } => 69,
             Self::Kernel(KernelError::DeviceLost { .. }) => 76,
-            Self::Kernel(_) => 70,
+            Self::Kernel(_) | Self::NotFinite { .. } => 70,
             Self::CannotCreate { .. } => 73,
             Self::Io { .. } => 74,
             Self::Interrupted { .. } => 75,

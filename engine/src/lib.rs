@@ -2,5 +2,8 @@
 #![forbid(unsafe_code)]
 
 pub mod error;
+pub mod media;
+pub mod tensor_file;
+pub mod watermark;
 
 pub use error::EngineError;

@@ -1,6 +1,8 @@
 //! Vulkan compute kernels of guard4d: GLSL sources compiled at build time, typed host wrappers, CPU twins.
 
 pub mod error;
+pub mod loss;
+pub mod nn;
 pub mod optim;
 #[cfg(feature = "reference")]
 pub mod reference;

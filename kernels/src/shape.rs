@@ -3,7 +3,7 @@
 //! Shape letters, used everywhere: `N` splats, `I` intersections, `H W` pixels, `F` frames,
 //! `K` inner dimension or SH bases, `B T C` batch, tokens, channels, `L` message bits.
 
-use crate::KernelError;
+use crate::{Buffer, KernelError};
 
 /// A length as shaders take it.
 ///
@@ -12,6 +12,75 @@ use crate::KernelError;
 #[must_use]
 pub fn dim(n: usize) -> u32 {
     u32::try_from(n).expect("device buffers hold fewer than 2^32 elements")
+}
+
+/// A length as shaders take it where they compute with signed coordinates.
+///
+/// # Panics
+/// Never for lengths of images: a device binds less than 2³¹ pixels.
+#[must_use]
+pub fn dim_signed(n: usize) -> i32 {
+    i32::try_from(n).expect("clips hold fewer than 2^31 pixels")
+}
+
+/// Frames, height and width of a clip; the channel count is the op's own matter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ClipShape {
+    /// `F`
+    pub frames: usize,
+    /// `H` in pixels
+    pub height: usize,
+    /// `W` in pixels
+    pub width: usize,
+}
+
+impl ClipShape {
+    /// `F·H·W`
+    #[must_use]
+    pub fn pixels(self) -> usize {
+        self.frames * self.height * self.width
+    }
+}
+
+/// Whether a result replaces what its buffer held or joins it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Accumulate {
+    /// `(=)`
+    Overwrite,
+    /// `(+=)`
+    Add,
+}
+
+impl Accumulate {
+    /// The shaders' `ACCUMULATE` constant.
+    #[must_use]
+    pub fn flag(self) -> u32 {
+        u32::from(self == Self::Add)
+    }
+}
+
+/// Checks one buffer's length.
+///
+/// # Errors
+/// [`KernelError::Shape`] when it is not `expected`.
+pub fn expect_len<T>(
+    kernel: &'static str,
+    name: &'static str,
+    buffer: &Buffer<T>,
+    expected: usize,
+) -> Result<(), KernelError>
+where
+    T: crate::vk::Element,
+{
+    if buffer.len() == expected {
+        return Ok(());
+    }
+    Err(KernelError::Shape {
+        kernel,
+        buffer: name,
+        got: format!("[{}]", buffer.len()),
+        expected: format!("[{expected}]"),
+    })
 }
 
 /// Refuses a buffer that is too short.

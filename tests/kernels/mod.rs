@@ -1,5 +1,7 @@
 //! Kernel tests, one file per op, in the folders of `glsl/`.
 
+mod loss;
+mod nn;
 mod optim;
 mod scan;
 mod splat;

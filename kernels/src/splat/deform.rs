@@ -10,7 +10,7 @@ const KERNEL: &str = "splat/deform";
 
 /// Columns of the heads before the SH head: dx, do | ds, 0 | dr.
 pub const GEOMETRY_COLUMNS: usize = 12;
-/// Columns with the SH head.
+/// Columns with the SH head; a product may pad rows beyond them.
 pub const ALL_COLUMNS: usize = GEOMETRY_COLUMNS + SH_FLOATS;
 
 /// What the rotation head does.
@@ -29,7 +29,7 @@ pub enum RotationUpdate {
 pub struct Heads<'a> {
     /// `[N, columns]`; the columns of an unused head are zero.
     pub data: &'a Buffer<f32>,
-    /// [`GEOMETRY_COLUMNS`] or [`ALL_COLUMNS`].
+    /// Length of a row: a multiple of 4, at least [`GEOMETRY_COLUMNS`].
     pub columns: usize,
 }
 
@@ -94,7 +94,7 @@ pub fn apply(
 /// Adds the SH head to the coefficients.
 ///
 /// # Shapes
-/// in `sh_coeffs` [N,16,3] · `heads` [N, [`ALL_COLUMNS`]] · out `deformed` [N,16,3] (=)
+/// in `sh_coeffs` [N,16,3] · `heads` [N, columns], at least [`ALL_COLUMNS`] · out `deformed` [N,16,3] (=)
 /// # Equation: Wu et al. 2024 (4DGaussians)
 /// # Determinism: bitwise; no atomics
 ///
@@ -111,17 +111,18 @@ pub fn apply_sh(
     require_len(KERNEL, "heads", heads.columns, ALL_COLUMNS)?;
     require_len(KERNEL, "deformed_sh", deformed.len(), n * SH_FLOATS)?;
     let num_texels = n * SH_FLOATS / 4;
+    let params = deform_sh::Params { num_texels: dim(num_texels), head_texels: dim(heads.columns / 4) };
     let bind = deform_sh::Bind { sh_coeffs, heads: heads.data, deformed_sh: deformed };
-    rec.dispatch(bind, deform_sh::Params { num_texels: dim(num_texels) }, Grid::threads(num_texels))
+    rec.dispatch(bind, params, Grid::threads(num_texels))
 }
 
 fn check_heads(heads: Heads<'_>, n: usize) -> Result<(), KernelError> {
-    if heads.columns != GEOMETRY_COLUMNS && heads.columns != ALL_COLUMNS {
+    if heads.columns < GEOMETRY_COLUMNS || !heads.columns.is_multiple_of(4) {
         return Err(KernelError::Shape {
             kernel: KERNEL,
             buffer: "heads",
             got: format!("{} columns", heads.columns),
-            expected: format!("{GEOMETRY_COLUMNS} or {ALL_COLUMNS}"),
+            expected: format!("a multiple of 4, at least {GEOMETRY_COLUMNS}"),
         });
     }
     require_len(KERNEL, "heads", heads.data.len(), n * heads.columns)

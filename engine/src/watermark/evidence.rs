@@ -1,0 +1,354 @@
+//! From logits to a verdict: present, absent or inconclusive, with reasons.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use super::message::Message;
+use super::null_panel::{Control, ControlKind, NullPanel, PanelLevels};
+use super::prf::Prf;
+use super::reading::{Reading, Spread};
+use super::statistics::{SoftScoreNull, empirical_fpr_bound, match_p_value, required_matches};
+use crate::EngineError;
+
+/// How the extractor came about, which decides what may be claimed from it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ExtractorMode {
+    /// Identity before CLIP.
+    None,
+    /// Trained without the message and without marked clips.
+    Blind,
+    /// Trained once over random messages and scenes, then frozen.
+    General,
+    /// Trained together with the message: it may hold the message itself.
+    Joint,
+}
+
+impl ExtractorMode {
+    /// Whether the extractor is independent of the message, so that p-values are exact.
+    #[must_use]
+    pub const fn is_message_blind(self) -> bool {
+        !matches!(self, Self::Joint)
+    }
+}
+
+/// Which of the two exact tests decides. Chosen beforehand and committed to: the smaller of two
+/// p-values is not a p-value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DecisionStatistic {
+    /// Number of matching bits.
+    #[default]
+    Matches,
+    /// Sum of logits signed by the message; stronger when bits differ in reliability.
+    SoftScore,
+}
+
+/// Decision rule; part of a receipt's commitment.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Thresholds {
+    /// False-positive rate at which "present" is said.
+    pub fpr: f64,
+    /// Test that decides.
+    pub statistic: DecisionStatistic,
+    /// Number of keys or owners tried on the clip; the p-value is multiplied by it (Bonferroni).
+    pub num_claims: u32,
+    /// Fewest frames for any answer but "inconclusive".
+    pub min_frames: u32,
+    /// Smallest frame side for any answer but "inconclusive".
+    pub min_side_px: u32,
+    /// p-value above which "absent" is said; between the two rates the clip is inconclusive.
+    pub absent_above: f64,
+    /// Probability that chance alone makes any control fire.
+    pub control_level: f64,
+}
+
+impl Default for Thresholds {
+    fn default() -> Self {
+        Self {
+            fpr: 1e-6,
+            statistic: DecisionStatistic::Matches,
+            num_claims: 1,
+            min_frames: 8,
+            min_side_px: 64,
+            absent_above: 0.05,
+            control_level: 0.01,
+        }
+    }
+}
+
+impl Thresholds {
+    /// Checks that the rule is one: rates in (0, 1), `fpr` ≤ `absent_above`, at least one claim and frame.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] naming the field.
+    pub fn validate(&self) -> Result<(), EngineError> {
+        let rate = |r: f64| r > 0.0 && r < 1.0;
+        let usage = |what: &str, got: String, expected: &str| {
+            Err(EngineError::Usage { what: format!("threshold `{what}`"), got, expected: expected.to_owned() })
+        };
+        if !rate(self.fpr) {
+            return usage("fpr", self.fpr.to_string(), "between 0 and 1");
+        }
+        if !(rate(self.absent_above) && self.fpr <= self.absent_above) {
+            let got = self.absent_above.to_string();
+            return usage("absent_above", got, "at least fpr and below 1");
+        }
+        if !rate(self.control_level) {
+            let got = self.control_level.to_string();
+            return usage("control_level", got, "between 0 and 1");
+        }
+        if self.num_claims == 0 {
+            return usage("num_claims", "0".to_owned(), "at least 1");
+        }
+        if self.min_frames == 0 {
+            return usage("min_frames", "0".to_owned(), "at least 1");
+        }
+        Ok(())
+    }
+}
+
+/// What is claimed, and what was read.
+#[derive(Clone, Debug)]
+pub struct Claim<'a> {
+    /// Message the owner committed to.
+    pub message: Message,
+    /// Extractor that read the clip.
+    pub mode: ExtractorMode,
+    /// Its answer.
+    pub reading: &'a Reading,
+    /// Shorter side of the suspect frames.
+    pub side_px: u32,
+    /// Readings that must be at chance.
+    pub controls: &'a [Control],
+}
+
+/// What the numbers allow to be said about chance.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum PStatement {
+    /// Message-blind extractor: exact p-values.
+    Exact {
+        /// Of the number of matches.
+        matches: f64,
+        /// Of the soft score.
+        soft_score: f64,
+    },
+    /// The extractor was trained with the message: only counted false positives on unrelated clips.
+    Empirical {
+        /// Unrelated clips that match as well as the suspect clip.
+        false_positives: u32,
+        /// Unrelated clips read.
+        num_clips: u32,
+        /// (1 + FP) / (1 + n).
+        bound: f64,
+    },
+}
+
+/// The answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// The clip holds the message.
+    Present,
+    /// The clip does not hold it, as far as this clip can tell.
+    Absent,
+    /// Neither can be said.
+    Inconclusive,
+}
+
+impl Verdict {
+    /// Exit code of `guard4d verify`.
+    #[must_use]
+    pub const fn exit_code(self) -> u8 {
+        match self {
+            Self::Present => 0,
+            Self::Absent => 1,
+            Self::Inconclusive => 4,
+        }
+    }
+}
+
+/// Why a verdict is what it is.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+#[expect(missing_docs, reason = "Display says what each field is")]
+pub enum Reason {
+    Passes { p_value: f64, fpr: f64 },
+    AtChance { p_value: f64, absent_above: f64 },
+    Weak { p_value: f64, fpr: f64 },
+    TooFewFrames { got: u32, needed: u32 },
+    FramesTooSmall { got_px: u32, needed_px: u32 },
+    CannotReach { best_p_value: f64, fpr: f64 },
+    ControlFires { control: ControlKind, name: String },
+    EmpiricalOnly { num_clips: u32 },
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Passes { p_value, fpr } => {
+                write!(f, "p = {p_value:.2e} reaches the threshold {fpr:.0e}")
+            }
+            Self::AtChance { p_value, absent_above } => {
+                write!(f, "p = {p_value:.2} is what chance gives (above {absent_above})")
+            }
+            Self::Weak { p_value, fpr } => {
+                write!(f, "p = {p_value:.2e} misses the threshold {fpr:.0e}; more frames or views may decide")
+            }
+            Self::TooFewFrames { got, needed } => write!(f, "{got} frames, {needed} needed"),
+            Self::FramesTooSmall { got_px, needed_px } => {
+                write!(f, "frames of {got_px} px, {needed_px} px needed")
+            }
+            Self::CannotReach { best_p_value, fpr } => {
+                write!(f, "at best p = {best_p_value:.1e} is possible here, the threshold is {fpr:.0e}")
+            }
+            Self::ControlFires { control, name } => {
+                write!(f, "the control \"{control}\" ({name}) is not at chance")
+            }
+            Self::EmpiricalOnly { num_clips } => {
+                write!(
+                    f,
+                    "the extractor was trained with the message: no exact p-value, only a bound from {num_clips} unrelated clips"
+                )
+            }
+        }
+    }
+}
+
+/// Everything a verification reports.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Evidence {
+    /// The answer.
+    pub verdict: Verdict,
+    /// Why.
+    pub reasons: Vec<Reason>,
+    /// How the extractor came about.
+    pub mode: ExtractorMode,
+    /// Frames aggregated.
+    pub num_frames: u32,
+    /// Bits compared.
+    pub num_bits: u32,
+    /// Bits that match.
+    pub matches: u32,
+    /// Matches needed for "present" by [`DecisionStatistic::Matches`]; none if impossible.
+    pub matches_needed: Option<u32>,
+    /// `matches / num_bits`.
+    pub bit_accuracy: f64,
+    /// Accuracy of single frames.
+    pub frame_accuracy: Spread,
+    /// Agreement of frames with one another.
+    pub bit_consistency: f64,
+    /// Logits signed by the message.
+    pub margins: Spread,
+    /// What can be said about chance.
+    pub p_value: PStatement,
+    /// Readings that must be at chance.
+    pub panel: NullPanel,
+    /// The rule applied.
+    pub thresholds: Thresholds,
+}
+
+/// Judges a claim by a rule fixed beforehand.
+///
+/// "Present" needs a p-value (for a `joint` extractor: the empirical bound) at most `fpr`, enough frames
+/// of enough size, and a silent null panel. "Absent" needs frames that could have shown a mark and a
+/// p-value above `absent_above`. Everything else is inconclusive.
+///
+/// # Errors
+/// [`EngineError::Usage`] for inconsistent lengths or thresholds.
+pub fn judge(claim: &Claim<'_>, thresholds: &Thresholds, prf: &Prf) -> Result<Evidence, EngineError> {
+    thresholds.validate()?;
+    let Claim { message, reading, .. } = claim;
+    let num_bits = message.num_bits();
+    let matches = reading.matches(message)?;
+    let levels = PanelLevels { fpr: thresholds.fpr, control_level: thresholds.control_level };
+    let panel = NullPanel::run(reading, message, claim.controls, prf, &levels)?;
+    let p_value = state_p_value(claim, &panel)?;
+    let (verdict, reasons) = decide(claim, thresholds, &p_value, &panel);
+    let alone = thresholds.fpr / f64::from(thresholds.num_claims);
+    Ok(Evidence {
+        verdict,
+        reasons,
+        mode: claim.mode,
+        num_frames: reading.num_frames(),
+        num_bits,
+        matches,
+        matches_needed: required_matches(num_bits, alone),
+        bit_accuracy: f64::from(matches) / f64::from(num_bits),
+        frame_accuracy: reading.frame_accuracy(message)?,
+        bit_consistency: reading.bit_consistency(),
+        margins: Spread::of(&reading.margins(message)?),
+        p_value,
+        panel,
+        thresholds: *thresholds,
+    })
+}
+
+fn state_p_value(claim: &Claim<'_>, panel: &NullPanel) -> Result<PStatement, EngineError> {
+    let matches = claim.reading.matches(&claim.message)?;
+    if claim.mode.is_message_blind() {
+        let null = SoftScoreNull::new(claim.reading.mean_logits())?;
+        return Ok(PStatement::Exact {
+            matches: match_p_value(matches, claim.message.num_bits()),
+            soft_score: null.p_value(&claim.message)?,
+        });
+    }
+    let (num_clips, false_positives) = panel.unrelated_reaching(matches);
+    Ok(PStatement::Empirical { false_positives, num_clips, bound: empirical_fpr_bound(false_positives, num_clips) })
+}
+
+fn decide(claim: &Claim<'_>, rule: &Thresholds, p_value: &PStatement, panel: &NullPanel) -> (Verdict, Vec<Reason>) {
+    let num_bits = claim.message.num_bits();
+    let adjusted = |p: f64| (p * f64::from(rule.num_claims)).min(1.0);
+    let (p, best) = match *p_value {
+        PStatement::Exact { matches, soft_score } => {
+            let p = match rule.statistic {
+                DecisionStatistic::Matches => matches,
+                DecisionStatistic::SoftScore => soft_score,
+            };
+            (adjusted(p), adjusted(match_p_value(num_bits, num_bits)))
+        }
+        PStatement::Empirical { bound, num_clips, .. } => {
+            (adjusted(bound), adjusted(empirical_fpr_bound(0, num_clips)))
+        }
+    };
+    let fpr = rule.fpr;
+    let mut reasons = insufficient(claim, rule);
+    let could_show = reasons.is_empty() && best <= rule.absent_above;
+    let fires = |(control, name)| Reason::ControlFires { control, name };
+    reasons.extend(panel.firing().into_iter().map(fires));
+    let verdict = if p <= fpr {
+        let verdict = if reasons.is_empty() { Verdict::Present } else { Verdict::Inconclusive };
+        reasons.insert(0, Reason::Passes { p_value: p, fpr });
+        verdict
+    } else if could_show && p > rule.absent_above {
+        let absent_above = rule.absent_above;
+        reasons.insert(0, Reason::AtChance { p_value: p, absent_above });
+        Verdict::Absent
+    } else {
+        reasons.insert(0, Reason::Weak { p_value: p, fpr });
+        Verdict::Inconclusive
+    };
+    if best > fpr {
+        reasons.push(Reason::CannotReach { best_p_value: best, fpr });
+    }
+    if let PStatement::Empirical { num_clips, .. } = *p_value {
+        reasons.push(Reason::EmpiricalOnly { num_clips });
+    }
+    (verdict, reasons)
+}
+
+fn insufficient(claim: &Claim<'_>, rule: &Thresholds) -> Vec<Reason> {
+    let mut reasons = Vec::new();
+    let got = claim.reading.num_frames();
+    if got < rule.min_frames {
+        reasons.push(Reason::TooFewFrames { got, needed: rule.min_frames });
+    }
+    if claim.side_px < rule.min_side_px {
+        reasons.push(Reason::FramesTooSmall { got_px: claim.side_px, needed_px: rule.min_side_px });
+    }
+    reasons
+}

@@ -1,0 +1,263 @@
+//! Null panel: readings that must *not* find the message. If one does, the extractor is talking, not the
+//! asset, and "present" is forbidden.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::message::Message;
+use super::prf::{Prf, Purpose};
+use super::reading::Reading;
+use super::statistics::{binomial_tail, chance_band, empirical_fpr_bound, match_p_value, required_matches};
+use crate::EngineError;
+
+/// Number of other messages tried against every clip.
+pub const NUM_OTHER_MESSAGES: u32 = 1000;
+
+/// What a control is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ControlKind {
+    /// The owner's asset before embedding, rendered like the suspect clip.
+    CleanRender,
+    /// A clip that has nothing to do with the asset.
+    UnrelatedClip,
+    /// The suspect clip read with another key and that key's message.
+    OtherKey,
+    /// The suspect clip against the inverted message.
+    InvertedMessage,
+    /// The suspect clip against messages drawn by the PRF.
+    OtherMessages,
+}
+
+impl ControlKind {
+    /// Controls that need input from the caller; the other two are always run.
+    pub const SUPPLIED: [Self; 3] = [Self::CleanRender, Self::UnrelatedClip, Self::OtherKey];
+}
+
+impl fmt::Display for ControlKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::CleanRender => "clean render",
+            Self::UnrelatedClip => "unrelated clip",
+            Self::OtherKey => "other key",
+            Self::InvertedMessage => "inverted message",
+            Self::OtherMessages => "other messages",
+        })
+    }
+}
+
+/// A reading of something that should not hold the message.
+#[derive(Clone, Debug)]
+pub struct Control {
+    /// What was read.
+    pub kind: ControlKind,
+    /// File or key, for the report.
+    pub name: String,
+    /// The extractor's answer.
+    pub reading: Reading,
+    /// The message it is compared with.
+    pub message: Message,
+}
+
+/// Whether a control found what it must not find.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ControlState {
+    /// Consistent with chance.
+    Quiet,
+    /// Outside the two-sided chance band.
+    Fires,
+}
+
+/// Two-sided leak measure of one reading. Accuracy far *below* one half is as informative as above.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Leak {
+    /// Matching bits.
+    pub matches: u32,
+    /// Bits compared.
+    pub num_bits: u32,
+    /// |accuracy − ½|.
+    pub deviation: f64,
+    /// Fewest matches inside the chance band.
+    pub band_low: u32,
+    /// Most matches inside the chance band.
+    pub band_high: u32,
+    /// Inside or outside.
+    pub state: ControlState,
+}
+
+impl Leak {
+    /// Compares a match count with the band that chance keeps to with probability `confidence`.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] unless `confidence` is in [0, 1).
+    pub fn measure(matches: u32, num_bits: u32, confidence: f64) -> Result<Self, EngineError> {
+        let band = chance_band(num_bits, confidence)?;
+        let state = if band.contains(&matches) { ControlState::Quiet } else { ControlState::Fires };
+        Ok(Self {
+            matches,
+            num_bits,
+            deviation: (f64::from(matches) / f64::from(num_bits) - 0.5).abs(),
+            band_low: *band.start(),
+            band_high: *band.end(),
+            state,
+        })
+    }
+}
+
+/// Outcome of one control.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ControlResult {
+    /// What was read.
+    pub kind: ControlKind,
+    /// File or key.
+    pub name: String,
+    /// How far from chance it is.
+    pub leak: Leak,
+}
+
+/// The suspect clip against messages that nobody embedded.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OtherMessages {
+    /// Messages tried.
+    pub num_messages: u32,
+    /// Most matches that any of them reached.
+    pub most_matches: u32,
+    /// How many matched at least as well as the claimed message.
+    pub as_good: u32,
+    /// (1 + `as_good`) / (1 + `num_messages`): rank of the claimed message.
+    pub rank_p_value: f64,
+    /// How many reached the threshold of the decision.
+    pub false_positives: u32,
+    /// (1 + `false_positives`) / (1 + `num_messages`).
+    pub fpr_bound: f64,
+    /// Fires if more of them match as well as the exact p-value allows.
+    pub state: ControlState,
+}
+
+/// All controls of one verification.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct NullPanel {
+    /// The suspect clip against the inverted message.
+    pub inverted: ControlResult,
+    /// The suspect clip against PRF messages.
+    pub other_messages: OtherMessages,
+    /// Controls the caller supplied.
+    pub supplied: Vec<ControlResult>,
+    /// Kinds of control that could have been supplied and were not.
+    pub not_run: Vec<ControlKind>,
+}
+
+/// How strictly the panel is judged.
+#[derive(Clone, Copy, Debug)]
+pub struct PanelLevels {
+    /// False-positive rate of the decision.
+    pub fpr: f64,
+    /// Probability that chance alone makes any control fire, shared equally among the controls.
+    pub control_level: f64,
+}
+
+impl NullPanel {
+    /// Runs the panel for a claimed message.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] if message lengths do not fit the readings or the levels are not in (0, 1).
+    pub fn run(
+        reading: &Reading,
+        message: &Message,
+        controls: &[Control],
+        prf: &Prf,
+        levels: &PanelLevels,
+    ) -> Result<Self, EngineError> {
+        let num_controls = u32::try_from(controls.len() + 2).unwrap_or(u32::MAX);
+        let share = levels.control_level / f64::from(num_controls);
+        let result = |control: &Control| {
+            let matches = control.reading.matches(&control.message)?;
+            Ok::<_, EngineError>(ControlResult {
+                kind: control.kind,
+                name: control.name.clone(),
+                leak: Leak::measure(matches, control.message.num_bits(), 1.0 - share)?,
+            })
+        };
+        Ok(Self {
+            inverted: inverted(reading, message, share)?,
+            other_messages: OtherMessages::run(reading, message, prf, levels.fpr, share)?,
+            supplied: controls.iter().map(result).collect::<Result<_, _>>()?,
+            not_run: ControlKind::SUPPLIED
+                .into_iter()
+                .filter(|kind| controls.iter().all(|control| control.kind != *kind))
+                .collect(),
+        })
+    }
+
+    /// Controls that fired, with their names.
+    #[must_use]
+    pub fn firing(&self) -> Vec<(ControlKind, String)> {
+        let mut firing: Vec<_> = std::iter::once(&self.inverted)
+            .chain(&self.supplied)
+            .filter(|control| control.leak.state == ControlState::Fires)
+            .map(|control| (control.kind, control.name.clone()))
+            .collect();
+        if self.other_messages.state == ControlState::Fires {
+            let name = format!("{} PRF messages", self.other_messages.num_messages);
+            firing.push((ControlKind::OtherMessages, name));
+        }
+        firing
+    }
+
+    /// Number of supplied unrelated clips, and how many reach `matches`.
+    #[must_use]
+    pub fn unrelated_reaching(&self, matches: u32) -> (u32, u32) {
+        let unrelated = || {
+            let is_unrelated = |c: &&ControlResult| c.kind == ControlKind::UnrelatedClip;
+            self.supplied.iter().filter(is_unrelated)
+        };
+        let reaching = unrelated().filter(|c| c.leak.matches >= matches).count();
+        let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+        (count(unrelated().count()), count(reaching))
+    }
+}
+
+/// One-sided: the inverted message fires only if the clip says the *opposite* of the claim; that it is
+/// badly matched by a marked clip is as it should be.
+fn inverted(reading: &Reading, message: &Message, share: f64) -> Result<ControlResult, EngineError> {
+    let inverted = message.inverted();
+    let matches = reading.matches(&inverted)?;
+    let mut leak = Leak::measure(matches, inverted.num_bits(), 1.0 - share)?;
+    if matches <= leak.band_high {
+        leak.state = ControlState::Quiet;
+    }
+    Ok(ControlResult { kind: ControlKind::InvertedMessage, name: "suspect clip".to_owned(), leak })
+}
+
+impl OtherMessages {
+    fn run(reading: &Reading, message: &Message, prf: &Prf, fpr: f64, share: f64) -> Result<Self, EngineError> {
+        let num_bits = message.num_bits();
+        let claimed = reading.matches(message)?;
+        let needed = required_matches(num_bits, fpr);
+        let rng = &mut prf.stream(Purpose::NullMessages, u64::from(num_bits));
+        let (mut most_matches, mut as_good, mut false_positives) = (0, 0, 0);
+        for _ in 0..NUM_OTHER_MESSAGES {
+            let matches = reading.matches(&Message::random(num_bits, rng)?)?;
+            most_matches = matches.max(most_matches);
+            as_good += u32::from(matches >= claimed);
+            false_positives += u32::from(needed.is_some_and(|k| matches >= k));
+        }
+        let expected_rate = match_p_value(claimed, num_bits);
+        let state = if binomial_tail(as_good, NUM_OTHER_MESSAGES, expected_rate) < share {
+            ControlState::Fires
+        } else {
+            ControlState::Quiet
+        };
+        Ok(Self {
+            num_messages: NUM_OTHER_MESSAGES,
+            most_matches,
+            as_good,
+            rank_p_value: empirical_fpr_bound(as_good, NUM_OTHER_MESSAGES),
+            false_positives,
+            fpr_bound: empirical_fpr_bound(false_positives, NUM_OTHER_MESSAGES),
+            state,
+        })
+    }
+}

@@ -1,0 +1,33 @@
+// lib/attention_tile: products of a tile of 16 rows with 16 keys or queries, held by one subgroup of eight lanes.
+// Lane l holds rows l and l+8 of the left operand, rows l and l+8 of the right one; a score (row, 8*b + l) is
+// element row + 16*b of lane l's array. Includers define HEAD_DIM and need subgroup shuffles.
+const int TILE = 16;
+const int TEXELS = HEAD_DIM / 4;
+const int SLICES = (TEXELS + 7) / 8;
+const float LOG2_E = 1.44269504;
+const float MASKED = -1.0e30;
+
+// score[row + 16*b] += left(row) . right(8*b + lane), four components at a time
+#define ADD_SCORES(score, left0, left1, right0, right1)                  \
+    [[unroll]] for (int q = 0; q < 4; ++q) {                             \
+        [[unroll]] for (int r = 0; r < 8; ++r) {                         \
+            float low = subgroupShuffle(left0[q], r);                    \
+            float high = subgroupShuffle(left1[q], r);                   \
+            score[r] += low * right0[q];                                 \
+            score[r + 8] += high * right0[q];                            \
+            score[r + 16] += low * right1[q];                            \
+            score[r + 24] += high * right1[q];                           \
+        }                                                                \
+    }
+
+float lanes_max(float x) {
+    x = max(x, subgroupShuffleXor(x, 1u));
+    x = max(x, subgroupShuffleXor(x, 2u));
+    return max(x, subgroupShuffleXor(x, 4u));
+}
+
+float lanes_sum(float x) {
+    x += subgroupShuffleXor(x, 1u);
+    x += subgroupShuffleXor(x, 2u);
+    return x + subgroupShuffleXor(x, 4u);
+}

@@ -1,0 +1,23 @@
+#version 460
+// nn/embedding_gather: token plus position embedding. One invocation per four elements of y.
+//   in   ids [rows], each < vocab   table [vocab, width]   position [tokens, width]
+//   out  y [rows, width] (=)   y[r] = table[ids[r]] + position[r mod tokens]
+//   twin kernels/src/reference/nn/embedding.rs   an id >= vocab reads the last row; the host refuses it first
+#include "lib/grid.glsl"
+layout(local_size_x = 64) in;
+layout(push_constant) uniform Params { uint rows; uint tokens; uint width; uint vocab; } p;
+layout(set = 0, binding = 0) readonly buffer Ids { uint ids[]; };
+layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer table_tex;
+layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer position_tex;
+layout(set = 0, binding = 3) writeonly buffer Y { vec4 y[]; };
+
+void main() {
+    uint texels = p.width / 4u;
+    uint i = global_index();
+    if (i < p.rows * texels) {
+        uint row = i / texels;
+        uint t = i % texels;
+        uint id = min(ids[row], p.vocab - 1u);
+        y[i] = imageLoad(table_tex, int(id * texels + t)) + imageLoad(position_tex, int((row % p.tokens) * texels + t));
+    }
+}

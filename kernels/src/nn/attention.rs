@@ -1,0 +1,301 @@
+//! Multi-head attention without a score matrix in memory.
+
+use super::{as_i32, as_u32, expect_len, expect_multiple, shape_error};
+use crate::registry::nn::{attention_delta, attention_fwd, attention_vkv, attention_vq};
+use crate::{Buffer, Device, Grid, KernelError, Recorder};
+
+const KERNEL: &str = "nn/attention";
+/// Queries or keys that one workgroup computes: `TILE` of `glsl/lib/attention_tile.glsl`.
+const TILE: usize = 16;
+
+/// Which keys a query sees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mask {
+    /// All.
+    Full,
+    /// Query i sees keys 0 ..= keys − queries + i.
+    Causal,
+}
+
+/// Sizes of one attention layer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AttentionShape {
+    /// Independent sequences.
+    pub batch: usize,
+    /// Heads.
+    pub heads: usize,
+    /// Elements of one head, a multiple of 4.
+    pub head_dim: usize,
+    /// Queries per sequence; with [`Projections::Fused`] equal to `keys`.
+    pub queries: usize,
+    /// Keys and values per sequence.
+    pub keys: usize,
+    /// Which keys a query sees.
+    pub mask: Mask,
+}
+
+impl AttentionShape {
+    /// Elements of a token, all heads together.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        self.heads * self.head_dim
+    }
+
+    fn spec_causal(&self) -> u32 {
+        match self.mask {
+            Mask::Full => 0,
+            Mask::Causal => 1,
+        }
+    }
+}
+
+/// Queries, keys and values; a head is a slice of `head_dim` elements of each part.
+#[derive(Clone, Copy, Debug)]
+pub enum Projections<'a> {
+    /// `[batch*keys, 3*width]`: q, k, v side by side.
+    Fused(&'a Buffer<f32>),
+    /// Queries of some tokens only.
+    Split {
+        /// `[batch*queries, width]`
+        q: &'a Buffer<f32>,
+        /// `[batch*keys, 2*width]`: k, v side by side.
+        kv: &'a Buffer<f32>,
+    },
+}
+
+/// Gradients of [`Projections`], laid out likewise.
+#[derive(Debug)]
+pub enum ProjectionGrads<'a> {
+    /// `[batch*keys, 3*width]`
+    Fused(&'a mut Buffer<f32>),
+    /// See [`Projections::Split`].
+    Split {
+        /// `[batch*queries, width]`
+        v_q: &'a mut Buffer<f32>,
+        /// `[batch*keys, 2*width]`
+        v_kv: &'a mut Buffer<f32>,
+    },
+}
+
+/// Row statistics that the forward pass leaves for the backward pass.
+#[derive(Debug)]
+pub struct AttentionState {
+    /// Base-2 logarithm of the softmax denominators `[batch, heads, queries]`.
+    pub lse: Buffer<f32>,
+    delta: Buffer<f32>,
+}
+
+impl AttentionState {
+    /// Room for the statistics of one layer.
+    ///
+    /// # Errors
+    /// When memory runs out.
+    pub fn new(device: &Device, name: &str, shape: &AttentionShape) -> Result<Self, KernelError> {
+        let rows = shape.batch * shape.heads * shape.queries;
+        let lse = device.buffer(&format!("{name}.lse"), rows)?;
+        Ok(Self { lse, delta: device.buffer(&format!("{name}.delta"), rows)? })
+    }
+}
+
+/// Strides and offsets of the two texel bindings.
+struct Layout<'a> {
+    q: &'a Buffer<f32>,
+    kv: &'a Buffer<f32>,
+    q_stride: usize,
+    kv_stride: usize,
+    k_offset: usize,
+    v_offset: usize,
+}
+
+impl<'a> Layout<'a> {
+    fn new(shape: &AttentionShape, inputs: Projections<'a>) -> Result<Self, KernelError> {
+        expect_multiple(KERNEL, "head_dim", shape.head_dim, 4)?;
+        let texels = shape.width() / 4;
+        if shape.mask == Mask::Causal && shape.queries > shape.keys {
+            let expected = format!("at most {} for a causal mask", shape.keys);
+            return Err(shape_error(KERNEL, "queries", shape.queries.to_string(), expected));
+        }
+        match inputs {
+            Projections::Fused(qkv) => {
+                if shape.queries != shape.keys {
+                    let expected = format!("{} as keys", shape.keys);
+                    return Err(shape_error(KERNEL, "queries", shape.queries.to_string(), expected));
+                }
+                expect_len(
+                    KERNEL,
+                    "qkv",
+                    qkv.len(),
+                    shape.batch * shape.keys * 3 * shape.width(),
+                    "batch*keys*3*width",
+                )?;
+                let stride = 3 * texels;
+                Ok(Self {
+                    q: qkv,
+                    kv: qkv,
+                    q_stride: stride,
+                    kv_stride: stride,
+                    k_offset: texels,
+                    v_offset: 2 * texels,
+                })
+            }
+            Projections::Split { q, kv } => {
+                expect_len(KERNEL, "q", q.len(), shape.batch * shape.queries * shape.width(), "batch*queries*width")?;
+                expect_len(KERNEL, "kv", kv.len(), shape.batch * shape.keys * 2 * shape.width(), "batch*keys*2*width")?;
+                Ok(Self { q, kv, q_stride: texels, kv_stride: 2 * texels, k_offset: 0, v_offset: texels })
+            }
+        }
+    }
+}
+
+/// The three kernels over tiles share their constants; only the module that the types come from differs.
+macro_rules! tile_constants {
+    ($module:ident, $shape:expr, $layout:expr) => {{
+        let (shape, layout): (&AttentionShape, &Layout) = ($shape, $layout);
+        let spec = $module::Spec { head_dim: as_i32(shape.head_dim), causal: shape.spec_causal() };
+        let params = $module::Params {
+            queries: as_i32(shape.queries),
+            keys: as_i32(shape.keys),
+            q_stride: as_i32(layout.q_stride),
+            kv_stride: as_i32(layout.kv_stride),
+            k_offset: as_i32(layout.k_offset),
+            v_offset: as_i32(layout.v_offset),
+            scale: head_scale(shape.head_dim),
+        };
+        (spec, params)
+    }};
+}
+
+/// 1/√head_dim.
+#[allow(clippy::cast_precision_loss, reason = "head sizes are far below 2^24")]
+fn head_scale(head_dim: usize) -> f32 {
+    1.0 / (head_dim as f32).sqrt()
+}
+
+fn grid(shape: &AttentionShape, rows: usize) -> Grid {
+    Grid::groups(as_u32(rows.div_ceil(TILE)), as_u32(shape.heads), as_u32(shape.batch))
+}
+
+/// `attn = softmax(Q Kᵀ / √head_dim) V` per head.
+///
+/// # Shapes
+/// in `inputs`, see [`Projections`] · out `attn` [batch*queries, width] (=) · `state.lse` [batch, heads, queries] (=)
+/// # Equation: Vaswani et al. 2017, eq. 1; running maximum after Milakov & Gimelshein 2018
+/// # Determinism: bitwise; no atomics
+///
+/// # Errors
+/// [`KernelError::Shape`] before anything is recorded.
+pub fn forward(
+    rec: &mut Recorder,
+    shape: &AttentionShape,
+    inputs: Projections,
+    state: &mut AttentionState,
+    attn: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let layout = Layout::new(shape, inputs)?;
+    expect_len(KERNEL, "attn", attn.len(), shape.batch * shape.queries * shape.width(), "batch*queries*width")?;
+    expect_len(KERNEL, "lse", state.lse.len(), shape.batch * shape.heads * shape.queries, "batch*heads*queries")?;
+    if shape.keys == 0 {
+        return Ok(());
+    }
+    let (spec, params) = tile_constants!(attention_fwd, shape, &layout);
+    let bind = attention_fwd::Bind { q_tex: layout.q, kv_tex: layout.kv, attn, lse: &mut state.lse };
+    rec.dispatch_spec(bind, params, spec, grid(shape, shape.queries))
+}
+
+/// What the backward pass reads.
+#[derive(Clone, Copy, Debug)]
+pub struct Upstream<'a> {
+    /// Inputs of the forward pass.
+    pub inputs: Projections<'a>,
+    /// Output of the forward pass `[batch*queries, width]`.
+    pub attn: &'a Buffer<f32>,
+    /// Its gradient.
+    pub v_attn: &'a Buffer<f32>,
+}
+
+/// Gradients to queries, keys and values; probabilities are recomputed from `state.lse`.
+///
+/// # Shapes
+/// in [`Upstream`] · `state` of the forward pass · out `grads` (=), see [`ProjectionGrads`]
+/// # Equation: Dao et al. 2022, algorithm 4
+/// # Determinism: bitwise; no atomics
+///
+/// # Errors
+/// [`KernelError::Shape`] before anything is recorded.
+pub fn backward(
+    rec: &mut Recorder,
+    shape: &AttentionShape,
+    upstream: &Upstream,
+    state: &mut AttentionState,
+    grads: ProjectionGrads,
+) -> Result<(), KernelError> {
+    let layout = Layout::new(shape, upstream.inputs)?;
+    let tokens = shape.batch * shape.queries;
+    expect_len(KERNEL, "attn", upstream.attn.len(), tokens * shape.width(), "batch*queries*width")?;
+    expect_len(KERNEL, "v_attn", upstream.v_attn.len(), tokens * shape.width(), "batch*queries*width")?;
+    expect_len(KERNEL, "lse", state.lse.len(), tokens * shape.heads, "batch*heads*queries")?;
+    check_grads(&layout, &grads)?;
+    if shape.keys * shape.queries == 0 {
+        return Ok(());
+    }
+    delta(rec, shape, upstream, state)?;
+    match grads {
+        ProjectionGrads::Fused(v_qkv) => {
+            v_q(rec, (shape, &layout), upstream.v_attn, state, v_qkv)?;
+            v_kv(rec, (shape, &layout), upstream.v_attn, state, v_qkv)
+        }
+        ProjectionGrads::Split { v_q: out_q, v_kv: out_kv } => {
+            v_q(rec, (shape, &layout), upstream.v_attn, state, out_q)?;
+            v_kv(rec, (shape, &layout), upstream.v_attn, state, out_kv)
+        }
+    }
+}
+
+fn check_grads(layout: &Layout, grads: &ProjectionGrads) -> Result<(), KernelError> {
+    let (got_q, got_kv) = match grads {
+        ProjectionGrads::Fused(v_qkv) => (v_qkv.len(), v_qkv.len()),
+        ProjectionGrads::Split { v_q, v_kv } => (v_q.len(), v_kv.len()),
+    };
+    expect_len(KERNEL, "v_q", got_q, layout.q.len(), "like q")?;
+    expect_len(KERNEL, "v_kv", got_kv, layout.kv.len(), "like kv")
+}
+
+fn delta(
+    rec: &mut Recorder,
+    shape: &AttentionShape,
+    upstream: &Upstream,
+    state: &mut AttentionState,
+) -> Result<(), KernelError> {
+    let total = shape.batch * shape.queries * shape.heads;
+    let params =
+        attention_delta::Params { total: as_u32(total), heads: as_u32(shape.heads), queries: as_u32(shape.queries) };
+    let spec = attention_delta::Spec { head_dim: as_i32(shape.head_dim) };
+    let bind = attention_delta::Bind { attn_tex: upstream.attn, v_attn_tex: upstream.v_attn, delta: &mut state.delta };
+    rec.dispatch_spec(bind, params, spec, Grid::threads(total))
+}
+
+fn v_q(
+    rec: &mut Recorder,
+    (shape, layout): (&AttentionShape, &Layout),
+    v_attn: &Buffer<f32>,
+    state: &AttentionState,
+    v_q: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let (spec, params) = tile_constants!(attention_vq, shape, layout);
+    let (lse, delta) = (&state.lse, &state.delta);
+    let bind = attention_vq::Bind { q_tex: layout.q, kv_tex: layout.kv, v_attn_tex: v_attn, lse, delta, v_q };
+    rec.dispatch_spec(bind, params, spec, grid(shape, shape.queries))
+}
+
+fn v_kv(
+    rec: &mut Recorder,
+    (shape, layout): (&AttentionShape, &Layout),
+    v_attn: &Buffer<f32>,
+    state: &AttentionState,
+    v_kv: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let (spec, params) = tile_constants!(attention_vkv, shape, layout);
+    let (lse, delta) = (&state.lse, &state.delta);
+    let bind = attention_vkv::Bind { q_tex: layout.q, kv_tex: layout.kv, v_attn_tex: v_attn, lse, delta, v_kv };
+    rec.dispatch_spec(bind, params, spec, grid(shape, shape.keys))
+}

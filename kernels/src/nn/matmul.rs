@@ -1,0 +1,141 @@
+//! Matrix product with a packed right operand.
+
+use super::activation::Activation;
+use super::pack::{LANES, Order, PackedWeight, TEXEL, gather};
+use super::{as_i32, as_u32, expect_len, expect_multiple, transpose};
+use crate::registry::nn::matmul_fwd;
+use crate::{Buffer, Device, Grid, KernelError, Recorder};
+
+const KERNEL: &str = "nn/matmul";
+/// Rows of C that one workgroup computes: `TILE_ROWS` of `glsl/lib/gemm_tile.glsl`.
+const TILE_ROWS: usize = 16;
+/// Lane-blocks per tile, best first: 96 accumulators are the fastest measured, smaller tiles serve other widths.
+const BLOCKS: [usize; 4] = [6, 4, 2, 1];
+
+/// What happens to s = A Wᵀ + bias before it is stored.
+#[derive(Clone, Copy, Debug)]
+pub enum Epilogue<'a> {
+    /// act(s)
+    Activate(Activation),
+    /// s + residual, `[m, n]`
+    Add(&'a Buffer<f32>),
+    /// s act'(pre), `[m, n]`: the gradient through an activation whose input was `pre`
+    Grad(Activation, &'a Buffer<f32>),
+}
+
+/// The operands of one product.
+#[derive(Clone, Copy, Debug)]
+pub struct Product<'a> {
+    /// Left operand A `[rows, weight.k()]`, row-major.
+    pub a: &'a Buffer<f32>,
+    /// Rows of A and C.
+    pub rows: usize,
+    /// Right operand W.
+    pub weight: &'a PackedWeight,
+    /// Added to every row, `[weight.n()]`.
+    pub bias: Option<&'a Buffer<f32>>,
+    /// Applied before the store.
+    pub epilogue: Epilogue<'a>,
+}
+
+impl<'a> Product<'a> {
+    /// A Wᵀ without bias or epilogue.
+    #[must_use]
+    pub fn plain(a: &'a Buffer<f32>, rows: usize, weight: &'a PackedWeight) -> Self {
+        Self { a, rows, weight, bias: None, epilogue: Epilogue::Activate(Activation::Identity) }
+    }
+}
+
+/// `C = epilogue(A Wᵀ + bias)`.
+///
+/// # Shapes
+/// in `a` [rows, k] · `weight` [n, k] packed · `bias` [n] · residual or pre-activation [rows, n] · out `c` [rows, n] (=);
+/// n and k are the padded sizes of [`PackedWeight`]
+/// # Equation: s = A Wᵀ + bias, then [`Epilogue`]
+/// # Determinism: bitwise; every element is one sum in the order of k
+///
+/// # Errors
+/// [`KernelError::Shape`] before anything is recorded.
+pub fn forward(rec: &mut Recorder, product: &Product, c: &mut Buffer<f32>) -> Result<(), KernelError> {
+    let Product { a, rows, weight, bias, epilogue } = *product;
+    let (n, k) = (weight.n(), weight.k());
+    expect_len(KERNEL, "a", a.len(), rows * k, "rows*k")?;
+    expect_len(KERNEL, "c", c.len(), rows * n, "rows*n")?;
+    let bias = bias.unwrap_or(&weight.no_bias);
+    expect_len(KERNEL, "bias", bias.len(), n, "n")?;
+    let (mode, activation, aux) = match epilogue {
+        Epilogue::Activate(activation) => (0, activation, bias),
+        Epilogue::Add(residual) => (1, Activation::Identity, residual),
+        Epilogue::Grad(activation, pre) => (2, activation, pre),
+    };
+    if mode > 0 {
+        expect_len(KERNEL, "aux", aux.len(), rows * n, "rows*n")?;
+    }
+    if rows * n * k == 0 {
+        rec.fill(c, 0.0);
+        return Ok(());
+    }
+    let blocks = BLOCKS.into_iter().find(|b| (n / LANES).is_multiple_of(*b)).unwrap_or(1);
+    let spec = matmul_fwd::Spec {
+        blocks: as_i32(blocks),
+        unroll: if (k / TEXEL).is_multiple_of(2) { 2 } else { 1 },
+        mode,
+        activation: activation.code(),
+    };
+    let params = matmul_fwd::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
+    let grid = Grid::groups(as_u32(rows.div_ceil(TILE_ROWS)), as_u32(n / LANES / blocks), 1);
+    let bind = matmul_fwd::Bind { a_tex: a, w_tex: &weight.packed, bias, aux, c };
+    rec.dispatch_spec(bind, params, spec, grid)
+}
+
+/// Operands of [`weight_gradient`] in the order that the product wants them.
+#[derive(Debug)]
+pub struct GradScratch {
+    v_c_t: Buffer<f32>,
+    a_t: PackedWeight,
+    rows: usize,
+    n: usize,
+    k: usize,
+}
+
+impl GradScratch {
+    /// Room for the weight gradient of a product of `rows` rows with a weight `[n, k]`.
+    ///
+    /// # Errors
+    /// [`KernelError::Shape`] when `n` or `k` is not a multiple of 8; [`KernelError::Allocation`] when memory runs out.
+    pub fn new(device: &Device, name: &str, rows: usize, n: usize, k: usize) -> Result<Self, KernelError> {
+        expect_multiple(KERNEL, "n", n, LANES)?;
+        expect_multiple(KERNEL, "k", k, LANES)?;
+        Ok(Self {
+            v_c_t: device.buffer(&format!("{name}.v_c_t"), n * rows.next_multiple_of(TEXEL))?,
+            a_t: PackedWeight::zeros(device, &format!("{name}.a_t"), k, rows)?,
+            rows,
+            n,
+            k,
+        })
+    }
+}
+
+/// Gradient of A Wᵀ to the weight: `v_w = v_cᵀ A`.
+///
+/// # Shapes
+/// in `a` [rows, k] · `v_c` [rows, n] · out `v_w` [n, k] row-major (=)
+/// # Determinism: bitwise; every element is one sum in the order of rows
+///
+/// # Errors
+/// [`KernelError::Shape`] before anything is recorded.
+pub fn weight_gradient(
+    rec: &mut Recorder,
+    a: &Buffer<f32>,
+    v_c: &Buffer<f32>,
+    scratch: &mut GradScratch,
+    v_w: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let (rows, n, k) = (scratch.rows, scratch.n, scratch.k);
+    expect_len(KERNEL, "a", a.len(), rows * k, "rows*k")?;
+    expect_len(KERNEL, "v_c", v_c.len(), rows * n, "rows*n")?;
+    expect_len(KERNEL, "v_w", v_w.len(), n * k, "n*k")?;
+    transpose::copy(rec, v_c, rows, n, &mut scratch.v_c_t)?;
+    gather(rec, a, Order::Columns { stride: k }, &mut scratch.a_t)?;
+    forward(rec, &Product::plain(&scratch.v_c_t, n, &scratch.a_t), v_w)
+}

@@ -1,0 +1,3 @@
+//! Twins of `glsl/loss`.
+
+pub mod bce;

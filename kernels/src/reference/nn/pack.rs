@@ -1,0 +1,20 @@
+//! Twin of `nn/pack`.
+
+use crate::nn::pack::{LANES, TEXEL};
+use crate::reference::Real;
+
+/// `w` `[n, k]` as `[n/8][k/4][8 lanes]` vec4, zero-padded.
+pub fn rows<R: Real>(w: &[R], n: usize, k: usize) -> Vec<R> {
+    let mut packed = Vec::new();
+    for block in 0..n.div_ceil(LANES) {
+        for texel in 0..k.div_ceil(TEXEL) {
+            for lane in 0..LANES {
+                for component in 0..TEXEL {
+                    let (row, col) = (block * LANES + lane, texel * TEXEL + component);
+                    packed.push(if row < n && col < k { w[row * k + col] } else { R::of(0.0) });
+                }
+            }
+        }
+    }
+    packed
+}

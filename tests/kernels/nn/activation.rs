@@ -1,0 +1,81 @@
+//! nn/activation
+
+use guard4d_kernels::KernelError;
+use guard4d_kernels::nn::activation::{Activation, backward, forward};
+use guard4d_kernels::reference::nn::activation as twin;
+
+use super::{dot, run, unwritten, upload};
+use crate::support::close::assert_close;
+use crate::support::gpu::device;
+use crate::support::gradcheck::gradcheck;
+use crate::support::random::Random;
+
+const ALL: [Activation; 4] = [Activation::Identity, Activation::Relu, Activation::QuickGelu, Activation::Gelu];
+
+#[test]
+fn twin_gradient_matches_differences() {
+    let mut random = Random(1);
+    // Every probe stays clear of ReLU's kink at 0 by more than the difference step.
+    let x: Vec<f64> = random.vec(40, -4.0, 4.0).into_iter().filter(|v| v.abs() > 1e-3).collect();
+    let v_y = random.vec(x.len(), -1.0, 1.0);
+    for act in ALL {
+        let error = gradcheck(|x| dot(&twin::forward(act, x), &v_y), &x, &twin::backward(act, &x, &v_y));
+        assert!(error < 1e-6, "{act:?}: {error}");
+    }
+}
+
+#[test]
+fn twin_erf_has_known_values() {
+    // Abramowitz & Stegun 1964, table 7.1.
+    for (x, want) in [(0.5f64, 0.520_499_877_813_047), (1.0, 0.842_700_792_949_715), (2.0, 0.995_322_265_018_953)] {
+        assert!((twin::erf(x) - want).abs() < 1e-14, "erf({x})");
+        assert!((twin::erf(-x) + want).abs() < 1e-14, "erf(-{x})");
+    }
+}
+
+#[test]
+fn gpu_follows_the_twin() {
+    let Some(gpu) = device() else { return };
+    for n in [4, 8, 260, 1004] {
+        let mut random = Random(n as u64);
+        let (x, v_y) = (random.vec_f32(n, -8.0, 8.0), random.vec_f32(n, -1.0, 1.0));
+        let (x_buffer, v_y_buffer) = (upload(&gpu, &x), upload(&gpu, &v_y));
+        for act in ALL {
+            let (mut y, mut v_x) = (unwritten(&gpu, n), unwritten(&gpu, n));
+            run(&gpu, |rec| {
+                forward(rec, act, &x_buffer, &mut y)?;
+                backward(rec, act, &x_buffer, &v_y_buffer, &mut v_x)
+            });
+            // erf of A&S 7.1.26 is off by 1.5e-7, times |x| <= 8; exp is off by 4e-6 relative (lavapipe.md, 7).
+            assert_close(&y.read().expect("read"), &twin::forward(act, &x), 2e-6, 5e-6);
+            assert_close(&v_x.read().expect("read"), &twin::backward(act, &x, &v_y), 4e-6, 5e-6);
+        }
+    }
+}
+
+#[test]
+fn poison_shows_and_stays_in_its_element() {
+    let Some(gpu) = device() else { return };
+    let x = upload(&gpu, &[f32::NAN, f32::INFINITY, 1e-40, -100.0]);
+    for act in ALL {
+        let mut y = unwritten(&gpu, 4);
+        run(&gpu, |rec| forward(rec, act, &x, &mut y));
+        let y = y.read().expect("read");
+        assert!(y[0].is_nan() && y[1] == f32::INFINITY, "{act:?}: {y:?}");
+        assert!(y[2].abs() < 1e-39 && y[3].is_finite(), "{act:?}: {y:?}");
+    }
+}
+
+#[test]
+fn wrong_lengths_are_refused_and_empty_is_fine() {
+    let Some(gpu) = device() else { return };
+    let (x, short) = (upload(&gpu, &[1.0; 8]), upload(&gpu, &[1.0; 7]));
+    let (mut y, mut none) = (unwritten(&gpu, 4), unwritten(&gpu, 0));
+    let mut rec = gpu.recorder().expect("recorder");
+    let wrong = forward(&mut rec, Activation::Relu, &x, &mut y);
+    assert!(matches!(wrong, Err(KernelError::Shape { buffer: "y", .. })), "{wrong:?}");
+    let odd = forward(&mut rec, Activation::Relu, &short, &mut y);
+    assert!(matches!(odd, Err(KernelError::Shape { buffer: "x", .. })), "{odd:?}");
+    let empty = upload(&gpu, &[]);
+    run(&gpu, |rec| forward(rec, Activation::Relu, &empty, &mut none));
+}

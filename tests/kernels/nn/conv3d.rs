@@ -1,0 +1,242 @@
+//! nn/conv3d: twin against differences, GPU against the twin and against PyTorch.
+
+use guard4d_kernels::nn::conv3d::{
+    Activation, Bias, Conv3d, Conv3dScratch, InputGradient, Padding, WeightGradient, backward_input, backward_weight,
+    forward,
+};
+use guard4d_kernels::reference::nn::conv3d as twin;
+use guard4d_kernels::shape::{Accumulate, ClipShape};
+use guard4d_kernels::{Buffer, KernelError, Recorder};
+
+use crate::support::close::assert_close;
+use crate::support::gpu::{Gpu, device};
+use crate::support::gradcheck::gradcheck;
+use crate::support::random::Random;
+
+fn run(gpu: &Gpu, record: impl FnOnce(&mut Recorder) -> Result<(), KernelError>) {
+    let mut rec = gpu.recorder().expect("recorder");
+    record(&mut rec).expect("records");
+    rec.submit().expect("runs");
+}
+
+fn layer(shape: [usize; 3], channels: [usize; 2], time: Padding, space: Padding) -> Conv3d {
+    Conv3d {
+        shape: ClipShape { frames: shape[0], height: shape[1], width: shape[2] },
+        in_channels: channels[0],
+        out_channels: channels[1],
+        time,
+        space,
+        bias: Bias::None,
+        activation: Activation::Identity,
+    }
+}
+
+fn twin_of(conv: &Conv3d) -> twin::Conv3d {
+    let padding = |p| match p {
+        Padding::Zero => twin::Padding::Zero,
+        Padding::Replicate => twin::Padding::Replicate,
+        Padding::Reflect => twin::Padding::Reflect,
+    };
+    twin::Conv3d {
+        shape: [conv.shape.frames, conv.shape.height, conv.shape.width],
+        in_channels: conv.in_channels,
+        out_channels: conv.out_channels,
+        time: padding(conv.time),
+        space: padding(conv.space),
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+const PADDINGS: [(Padding, Padding); 3] =
+    [(Padding::Zero, Padding::Zero), (Padding::Replicate, Padding::Reflect), (Padding::Reflect, Padding::Replicate)];
+
+#[test]
+fn twin_gradients_match_differences() {
+    for (time, space) in PADDINGS {
+        let conv = twin_of(&layer([2, 3, 2], [2, 2], time, space));
+        let mut random = Random(7);
+        let x = random.vec(24, -1.0, 1.0);
+        let weight = random.vec(108, -1.0, 1.0);
+        let bias = random.vec(2, -1.0, 1.0);
+        let v_y = random.vec(24, -1.0, 1.0);
+        let v_x = conv.backward_input(&v_y, &weight);
+        let (v_weight, v_bias) = conv.backward_weight(&x, &v_y);
+        // The layer is linear in each argument, so only rounding of the difference remains.
+        let worst = gradcheck(|x| dot(&conv.forward(x, &weight, &bias), &v_y), &x, &v_x);
+        assert!(worst < 1e-6, "input: {worst}");
+        let worst = gradcheck(|w| dot(&conv.forward(&x, w, &bias), &v_y), &weight, &v_weight);
+        assert!(worst < 1e-6, "weight: {worst}");
+        let worst = gradcheck(|b| dot(&conv.forward(&x, &weight, b), &v_y), &bias, &v_bias);
+        assert!(worst < 1e-6, "bias: {worst}");
+    }
+}
+
+/// One layer with random data on both sides.
+struct Case {
+    conv: Conv3d,
+    x: Vec<f32>,
+    weight: Vec<f32>,
+    bias: Vec<f32>,
+    v_y: Vec<f32>,
+}
+
+impl Case {
+    fn new(conv: Conv3d) -> Self {
+        let pixels = conv.shape.pixels();
+        let (ni, no) = (conv.in_channels, conv.out_channels);
+        let mut random = Random((pixels * 31 + ni * 7 + no) as u64);
+        Self {
+            conv,
+            x: random.vec_f32(pixels * ni, -1.0, 1.0),
+            weight: random.vec_f32(no * ni * 27, -0.2, 0.2),
+            bias: random.vec_f32(if conv.bias == Bias::Added { no } else { 0 }, -1.0, 1.0),
+            v_y: random.vec_f32(pixels * no, -1.0, 1.0),
+        }
+    }
+
+    fn packed(&self) -> Vec<f32> {
+        let mut packed = self.conv.pack(&self.weight, self.conv.in_channels, self.conv.out_channels);
+        let at = packed.len() - self.bias.len();
+        packed[at..].copy_from_slice(&self.bias);
+        packed
+    }
+
+    fn check(&self, gpu: &Gpu) {
+        let conv = &self.conv;
+        let reference = twin_of(conv);
+        let pixels = conv.shape.pixels();
+        let (ni, no) = (conv.in_channels, conv.out_channels);
+        let x = gpu.buffer_from("x", &self.x).expect("buffer");
+        let weight = gpu.buffer_from("weight", &self.packed()).expect("buffer");
+        let v_y = gpu.buffer_from("v_y", &self.v_y).expect("buffer");
+        let mut y = gpu.buffer("y", pixels * no).expect("buffer");
+        let mut v_x = gpu.buffer("v_x", pixels * ni).expect("buffer");
+        let mut v_weight = gpu.buffer_from("v_weight", &vec![1.0; conv.weight_len()]).expect("buffer");
+        let mut scratch = Conv3dScratch::new(gpu, conv).expect("scratch");
+        run(gpu, |rec| {
+            forward(rec, conv, &x, &weight, &mut y)?;
+            let from = InputGradient { v_y: &v_y, weight: &weight, gate: Some(&x) };
+            backward_input(rec, conv, from, &mut v_x, &mut scratch)?;
+            let pass = WeightGradient { x: &x, v_y: &v_y, v_weight: &mut v_weight, accumulate: Accumulate::Add };
+            backward_weight(rec, conv, pass, &mut scratch)
+        });
+
+        let bias = if self.bias.is_empty() { vec![0.0; no] } else { self.bias.clone() };
+        let mut want = reference.forward(&self.x, &self.weight, &bias);
+        if conv.activation == Activation::Relu {
+            twin::relu(&mut want);
+        }
+        // Up to 864 products of size 0.2 in another order, sums up to 6: a few 2^-24 * 6 * 864^0.5.
+        assert_close(&y.read().expect("read"), &want, 1e-5, 1e-5);
+        let mut want = reference.backward_input(&self.v_y, &self.weight);
+        twin::relu_backward(&self.x, &mut want);
+        assert_close(&v_x.read().expect("read"), &want, 1e-5, 1e-5);
+        let (want, want_bias) = reference.backward_weight(&self.x, &self.v_y);
+        let got: Vec<f32> = v_weight.read().expect("read").iter().map(|v| v - 1.0).collect();
+        // Sums over all pixels, held beside the 1.0 that was there before: its rounding is 6e-8.
+        let atol = 2e-6 * (pixels as f32).sqrt();
+        assert_close(&conv.unpack(&got, ni, no), &want, atol, 1e-5);
+        if conv.bias == Bias::Added {
+            assert_close(&got[got.len() - no..], &want_bias, atol, 1e-5);
+        }
+    }
+}
+
+#[test]
+fn gpu_follows_the_twin() {
+    let Some(gpu) = device() else { return };
+    // Each row compiles kernels of its own; together they see every padding, tail and block count.
+    for (shape, channels, (time, space)) in [
+        ([2, 5, 9], [4, 16], PADDINGS[1]),
+        ([3, 4, 37], [16, 4], PADDINGS[0]),
+        ([2, 2, 2], [8, 8], PADDINGS[2]),
+        ([2, 3, 33], [16, 32], PADDINGS[1]),
+        ([2, 3, 8], [32, 12], PADDINGS[0]),
+    ] {
+        Case::new(layer(shape, channels, time, space)).check(&gpu);
+    }
+    let thin = layer([1, 1, 1], [4, 4], Padding::Replicate, Padding::Replicate);
+    Case::new(thin).check(&gpu);
+    let full = layer([3, 12, 70], [4, 8], Padding::Zero, Padding::Reflect);
+    Case::new(Conv3d { bias: Bias::Added, activation: Activation::Relu, ..full }).check(&gpu);
+}
+
+#[test]
+fn adjoint_holds_on_the_gpu() {
+    let Some(gpu) = device() else { return };
+    let conv = layer([4, 20, 40], [4, 16], Padding::Replicate, Padding::Reflect);
+    let case = Case::new(conv);
+    let x = gpu.buffer_from("x", &case.x).expect("buffer");
+    let weight = gpu.buffer_from("weight", &case.packed()).expect("buffer");
+    let v_y = gpu.buffer_from("v_y", &case.v_y).expect("buffer");
+    let mut y = gpu.buffer("y", case.v_y.len()).expect("buffer");
+    let mut v_x = gpu.buffer("v_x", case.x.len()).expect("buffer");
+    let mut scratch = Conv3dScratch::new(&gpu, &conv).expect("scratch");
+    run(&gpu, |rec| {
+        forward(rec, &conv, &x, &weight, &mut y)?;
+        let from = InputGradient { v_y: &v_y, weight: &weight, gate: None };
+        backward_input(rec, &conv, from, &mut v_x, &mut scratch)
+    });
+    let wide = |v: &[f32]| v.iter().map(|&v| f64::from(v)).collect::<Vec<_>>();
+    let left = dot(&wide(&y.read().expect("read")), &wide(&case.v_y));
+    let right = dot(&wide(&v_x.read().expect("read")), &wide(&case.x));
+    // 51,200 products of size about 1, each off by about 1e-6.
+    assert!((left - right).abs() < 1e-3, "<Ax, g> = {left}, <x, A'g> = {right}");
+}
+
+fn forward_of(gpu: &Gpu, conv: &Conv3d, x: &[f32], packed: &[f32]) -> Vec<f32> {
+    let x = gpu.buffer_from("x", x).expect("buffer");
+    let weight = gpu.buffer_from("weight", packed).expect("buffer");
+    let mut y: Buffer<f32> = gpu.buffer("y", conv.shape.pixels() * conv.out_channels).expect("buffer");
+    run(gpu, |rec| forward(rec, conv, &x, &weight, &mut y));
+    y.read().expect("read")
+}
+
+#[test]
+fn poison_reaches_exactly_its_neighbourhood() {
+    let Some(gpu) = device() else { return };
+    let conv = layer([3, 5, 40], [4, 4], Padding::Zero, Padding::Zero);
+    for poison in [f32::NAN, f32::INFINITY] {
+        let mut case = Case::new(conv);
+        let bad = (5 + 2) * 40 + 20; // frame 1, row 2, column 20
+        case.x[bad * 4] = poison;
+        let y = forward_of(&gpu, &conv, &case.x, &case.packed());
+        for (i, texel) in y.chunks_exact(4).enumerate() {
+            let (t, r, c) = (i / 200, i / 40 % 5, i % 40);
+            let near = t <= 2 && r.abs_diff(2) <= 1 && c.abs_diff(20) <= 1;
+            assert_eq!(texel.iter().any(|v| !v.is_finite()), near, "pixel {t} {r} {c} with {poison}: {texel:?}");
+        }
+    }
+    let relu = Conv3d { activation: Activation::Relu, ..conv };
+    let mut case = Case::new(relu);
+    case.x.fill(f32::NAN);
+    let y = forward_of(&gpu, &relu, &case.x, &case.packed());
+    assert!(y.iter().all(|v| v.is_nan()), "the ReLU hides no NaN");
+    case.x.fill(1e-41);
+    let y = forward_of(&gpu, &relu, &case.x, &case.packed());
+    assert!(y.iter().all(|v| v.abs() < 1e-38), "denormals stay tiny");
+}
+
+#[test]
+fn wrong_shapes_are_refused_and_empty_is_fine() {
+    let Some(gpu) = device() else { return };
+    let conv = layer([1, 1, 4], [4, 4], Padding::Zero, Padding::Reflect);
+    let refused = Conv3dScratch::new(&gpu, &conv);
+    assert!(matches!(refused, Err(KernelError::Shape { buffer: "height", .. })), "reflection of one row: {refused:?}");
+    let conv = layer([1, 2, 4], [3, 4], Padding::Zero, Padding::Zero);
+    let refused = Conv3dScratch::new(&gpu, &conv);
+    assert!(matches!(refused, Err(KernelError::Shape { buffer: "in_channels", .. })), "three channels: {refused:?}");
+
+    let conv = layer([0, 4, 4], [4, 4], Padding::Zero, Padding::Zero);
+    let none = gpu.buffer("none", 0).expect("buffer");
+    let mut v_weight = gpu.buffer_from("v_weight", &vec![1.0; conv.weight_len()]).expect("buffer");
+    let mut scratch = Conv3dScratch::new(&gpu, &conv).expect("scratch");
+    run(&gpu, |rec| {
+        let pass = WeightGradient { x: &none, v_y: &none, v_weight: &mut v_weight, accumulate: Accumulate::Overwrite };
+        backward_weight(rec, &conv, pass, &mut scratch)
+    });
+    assert!(v_weight.read().expect("read").iter().all(|v| *v == 0.0), "no pixel, no gradient");
+}

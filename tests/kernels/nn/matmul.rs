@@ -1,0 +1,129 @@
+//! nn/matmul
+
+use guard4d_kernels::KernelError;
+use guard4d_kernels::nn::activation::Activation;
+use guard4d_kernels::nn::matmul::{Epilogue, GradScratch, Product, forward, weight_gradient};
+use guard4d_kernels::nn::pack::PackedWeight;
+use guard4d_kernels::reference::nn::matmul as twin;
+
+use super::{dot, run, unwritten, upload};
+use crate::support::close::assert_close;
+use crate::support::gpu::device;
+use crate::support::gradcheck::gradcheck;
+use crate::support::random::Random;
+
+/// (rows, n, k): every tile width, one and two texels per turn, rows that do not fill a tile.
+const SHAPES: [(usize, usize, usize); 8] =
+    [(1, 8, 4), (7, 16, 8), (16, 32, 12), (17, 48, 20), (33, 96, 64), (5, 40, 36), (50, 24, 16), (16, 128, 128)];
+
+#[test]
+fn twin_gradients_match_differences() {
+    let (rows, n, k) = (3, 5, 4);
+    let mut random = Random(3);
+    let (a, w, bias) = (random.vec(rows * k, -1.0, 1.0), random.vec(n * k, -1.0, 1.0), random.vec(n, -1.0, 1.0));
+    let v_c = random.vec(rows * n, -1.0, 1.0);
+    let w_t: Vec<f64> = (0..k * n).map(|i| w[(i % n) * k + i / n]).collect();
+    let act = Activation::QuickGelu;
+    let loss = |a: &[f64], w: &[f64]| dot(&twin::forward(a, w, &bias, k, twin::Epilogue::Activate(act)), &v_c);
+    let pre = twin::forward(&a, &w, &bias, k, twin::Epilogue::Activate(Activation::Identity));
+    // v_pre = v_c act'(pre): the epilogue of a product with the unit matrix.
+    let unit: Vec<f64> = (0..n * n).map(|i| f64::from(u8::from(i % n == i / n))).collect();
+    let v_pre = twin::forward(&v_c, &unit, &vec![0.0; n], n, twin::Epilogue::Grad(act, &pre));
+    let v_a = twin::forward(&v_pre, &w_t, &vec![0.0; k], n, twin::Epilogue::Activate(Activation::Identity));
+    let error_a = gradcheck(|a| loss(a, &w), &a, &v_a);
+    let error_w = gradcheck(|w| loss(&a, w), &w, &twin::weight_gradient(&a, &v_pre, n, k));
+    assert!(error_a < 1e-6 && error_w < 1e-6, "{error_a} {error_w}");
+}
+
+#[test]
+fn gpu_follows_the_twin() {
+    let Some(gpu) = device() else { return };
+    for (rows, n, k) in SHAPES {
+        let mut random = Random((rows * n * k) as u64);
+        let (a, w) = (random.vec_f32(rows * k, -1.0, 1.0), random.vec_f32(n * k, -1.0, 1.0));
+        let (bias, aux) = (random.vec_f32(n, -1.0, 1.0), random.vec_f32(rows * n, -1.0, 1.0));
+        let weight = PackedWeight::new(&gpu, "w", &w, n, k).expect("packs");
+        let (a_buffer, bias_buffer, aux_buffer) = (upload(&gpu, &a), upload(&gpu, &bias), upload(&gpu, &aux));
+        let cases = [
+            (Epilogue::Activate(Activation::Relu), twin::Epilogue::Activate(Activation::Relu)),
+            (Epilogue::Add(&aux_buffer), twin::Epilogue::Add(&aux)),
+            (Epilogue::Grad(Activation::QuickGelu, &aux_buffer), twin::Epilogue::Grad(Activation::QuickGelu, &aux)),
+        ];
+        for (epilogue, twin_epilogue) in cases {
+            let mut c = unwritten(&gpu, rows * n);
+            let product = Product { a: &a_buffer, rows, weight: &weight, bias: Some(&bias_buffer), epilogue };
+            run(&gpu, |rec| forward(rec, &product, &mut c));
+            let want = twin::forward(&a, &w, &bias, k, twin_epilogue);
+            // k <= 128 terms below 1 in the twin's order: equal but for rounding, which k * 2^-24 bounds.
+            assert_close(&c.read().expect("read"), &want, 1e-5, 1e-5);
+        }
+    }
+}
+
+#[test]
+fn sizes_are_padded_at_load() {
+    let Some(gpu) = device() else { return };
+    let (rows, n, k) = (9, 11, 6);
+    let mut random = Random(5);
+    let (a, w) = (random.vec_f32(rows * 8, -1.0, 1.0), random.vec_f32(n * k, -1.0, 1.0));
+    let weight = PackedWeight::new(&gpu, "w", &w, n, k).expect("packs");
+    assert_eq!((weight.n(), weight.k()), (16, 8), "padded sizes");
+    let mut c = unwritten(&gpu, rows * 16);
+    let a_buffer = upload(&gpu, &a);
+    run(&gpu, |rec| forward(rec, &Product::plain(&a_buffer, rows, &weight), &mut c));
+    let mut padded = vec![0.0; 16 * 8];
+    (0..n).for_each(|row| padded[row * 8..row * 8 + k].copy_from_slice(&w[row * k..][..k]));
+    let identity = twin::Epilogue::Activate(Activation::Identity);
+    // As above with k = 8.
+    assert_close(&c.read().expect("read"), &twin::forward(&a, &padded, &[0.0; 16], 8, identity), 1e-6, 1e-6);
+}
+
+#[test]
+fn weight_gradient_follows_the_twin() {
+    let Some(gpu) = device() else { return };
+    for (rows, n, k) in [(1, 8, 8), (13, 16, 40), (64, 48, 24)] {
+        let mut random = Random((rows + n + k) as u64);
+        let (a, v_c) = (random.vec_f32(rows * k, -1.0, 1.0), random.vec_f32(rows * n, -1.0, 1.0));
+        let (a_buffer, v_c_buffer) = (upload(&gpu, &a), upload(&gpu, &v_c));
+        let mut scratch = GradScratch::new(&gpu, "w", rows, n, k).expect("scratch");
+        let mut v_w = unwritten(&gpu, n * k);
+        run(&gpu, |rec| weight_gradient(rec, &a_buffer, &v_c_buffer, &mut scratch, &mut v_w));
+        // At most 64 terms below 1, summed in the same order.
+        assert_close(&v_w.read().expect("read"), &twin::weight_gradient(&a, &v_c, n, k), 1e-5, 1e-5);
+    }
+}
+
+#[test]
+fn poison_stays_in_its_row() {
+    let Some(gpu) = device() else { return };
+    let (rows, n, k) = (19, 48, 8);
+    for (at, value) in [(0, f32::NAN), (17, f32::INFINITY), (18, f32::NAN)] {
+        let mut a = vec![1.0; rows * k];
+        a[at * k + 3] = value;
+        let weight = PackedWeight::new(&gpu, "w", &vec![0.5; n * k], n, k).expect("packs");
+        let (a_buffer, mut c) = (upload(&gpu, &a), unwritten(&gpu, rows * n));
+        run(&gpu, |rec| forward(rec, &Product::plain(&a_buffer, rows, &weight), &mut c));
+        for (row, values) in c.read().expect("read").chunks_exact(n).enumerate() {
+            let clean = values.iter().all(|v| *v == 4.0);
+            let poisoned = values.iter().all(|v| !v.is_finite());
+            assert!(if row == at { poisoned } else { clean }, "row {row}, poison in row {at}: {values:?}");
+        }
+    }
+}
+
+#[test]
+fn wrong_lengths_are_refused_and_empty_is_fine() {
+    let Some(gpu) = device() else { return };
+    let weight = PackedWeight::new(&gpu, "w", &[1.0; 64], 8, 8).expect("packs");
+    let (a, mut c) = (upload(&gpu, &[1.0; 24]), unwritten(&gpu, 24));
+    let mut rec = gpu.recorder().expect("recorder");
+    let wrong = forward(&mut rec, &Product::plain(&a, 2, &weight), &mut c);
+    assert!(matches!(wrong, Err(KernelError::Shape { buffer: "a", .. })), "{wrong:?}");
+    let short_bias = Product { bias: Some(&a), ..Product::plain(&a, 3, &weight) };
+    let wrong = forward(&mut rec, &short_bias, &mut c);
+    assert!(matches!(wrong, Err(KernelError::Shape { buffer: "bias", .. })), "{wrong:?}");
+    let wrong = PackedWeight::new(&gpu, "w", &[1.0; 63], 8, 8);
+    assert!(matches!(wrong, Err(KernelError::Shape { buffer: "w", .. })), "{wrong:?}");
+    let (empty, mut none) = (upload(&gpu, &[]), unwritten(&gpu, 0));
+    run(&gpu, |rec| forward(rec, &Product::plain(&empty, 0, &weight), &mut none));
+}

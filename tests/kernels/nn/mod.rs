@@ -1,0 +1,34 @@
+mod activation;
+mod attention;
+mod column_sum;
+mod conv3d;
+mod embedding;
+mod l2_normalize;
+mod layer_norm;
+mod matmul;
+mod pack;
+mod patch_embed;
+mod row_mean;
+mod transpose;
+
+use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
+
+/// Records, runs and waits.
+fn run(gpu: &Device, record: impl FnOnce(&mut Recorder) -> Result<(), KernelError>) {
+    let mut rec = gpu.recorder().expect("recorder");
+    record(&mut rec).expect("records");
+    rec.submit().expect("runs");
+}
+
+fn upload(gpu: &Device, data: &[f32]) -> Buffer<f32> {
+    gpu.buffer_from("test input", data).expect("buffer")
+}
+
+/// A buffer full of NaN: whatever a kernel forgets to write fails the comparison.
+fn unwritten(gpu: &Device, len: usize) -> Buffer<f32> {
+    upload(gpu, &vec![f32::NAN; len])
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
