@@ -3,5 +3,6 @@
 #![allow(clippy::cast_possible_truncation, reason = "test sizes are small")]
 
 mod kernels;
+mod scene;
 mod support;
 mod tidy;
