@@ -3,6 +3,8 @@
 #![allow(clippy::cast_possible_truncation, reason = "test sizes are small")]
 
 mod kernels;
+mod media;
 mod scene;
 mod support;
 mod tidy;
+mod watermark;
