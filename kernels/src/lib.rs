@@ -8,7 +8,9 @@ pub mod optim;
 pub mod reference;
 #[allow(clippy::unreadable_literal, missing_docs, reason = "generated code")]
 pub mod registry;
+pub mod scan;
 pub mod shape;
+pub mod splat;
 pub mod vk;
 
 pub use error::KernelError;

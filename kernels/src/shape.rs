@@ -82,3 +82,16 @@ where
         expected: format!("[{expected}]"),
     })
 }
+
+/// Refuses a buffer that is too short.
+pub(crate) fn require_len(
+    kernel: &'static str,
+    buffer: &'static str,
+    got: usize,
+    at_least: usize,
+) -> Result<(), KernelError> {
+    if got >= at_least {
+        return Ok(());
+    }
+    Err(KernelError::Shape { kernel, buffer, got: format!("[{got}]"), expected: format!("[{at_least}] or more") })
+}

@@ -3,3 +3,5 @@
 mod loss;
 mod nn;
 mod optim;
+mod scan;
+mod splat;

@@ -3,6 +3,8 @@
 pub mod loss;
 pub mod nn;
 pub mod optim;
+pub mod scan;
+pub mod splat;
 
 use std::fmt::Debug;
 use std::iter::Sum;

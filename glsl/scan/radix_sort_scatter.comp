@@ -1,0 +1,34 @@
+#version 460
+// scan/radix_sort_scatter: moves each pair to its place for one digit; lanes walk their chunks in order, so it is stable.
+//   in   keys, values [n, padded to 4]
+//   in/out table [bins,lanes] exclusive sum of the counts, used as cursors
+//   out  sorted_keys, sorted_values [n] (=)
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+#include "lib/grid.glsl"
+layout(local_size_x = 8) in;
+layout(push_constant) uniform Params { uint n, chunk, lanes, shift, mask; } p;
+layout(set = 0, binding = 0, rgba32ui) uniform readonly uimageBuffer keys;
+layout(set = 0, binding = 1, rgba32ui) uniform readonly uimageBuffer values;
+layout(set = 0, binding = 2) buffer Table { uint table[]; };
+layout(set = 0, binding = 3) buffer SortedKeys { uint sorted_keys[]; };
+layout(set = 0, binding = 4) buffer SortedValues { uint sorted_values[]; };
+
+void main() {
+    uint lane = global_index();
+    uint texel = lane * p.chunk, end = texel + p.chunk;
+    do {
+        int at = int(min(texel, (p.n - 1u) / 4u));
+        uvec4 key = imageLoad(keys, at), value = imageLoad(values, at);
+        [[unroll]] for (int k = 0; k < 4; ++k) {
+            uint cursor = ((key[k] >> p.shift) & p.mask) * p.lanes + lane;
+            if (4u * texel + uint(k) < p.n) {
+                uint to = table[cursor];
+                table[cursor] = to + 1u;
+                sorted_keys[to] = key[k];
+                sorted_values[to] = value[k];
+            }
+        }
+        ++texel;
+    } while (texel < end);
+}

@@ -1,0 +1,95 @@
+#version 460
+// splat/project_fwd: EWA splatting, Zwicker et al. 2001, with the cutoffs of Kerbl et al. 2023. One invocation per splat.
+//   in   means [N,4] = xyz, opacity logit   scales [N,4] log   quats [N,4] wxyz, any norm
+//   out  geom [N,8] = mean2d.xy px, conic.ab | conic.c, opacity, depth, 0, conic times -log2(e)/2, b doubled (=)
+//        dirs [N,4] unit vector camera -> mean (=)   tile_rects [N,4] 8x8 tiles x0 y0 x1 y1, empty = culled (=)
+//        depth_keys [N] bits of the view depth, ~0 = culled (=)   order [N] = splat (=)
+#extension GL_GOOGLE_include_directive : require
+#include "lib/grid.glsl"
+#include "lib/quat.glsl"
+#include "lib/raster.glsl"
+layout(local_size_x = 64) in;
+layout(push_constant) uniform Params {
+    uint n, width, height;
+    float fx, fy, cx, cy;
+    float view_00, view_01, view_02, view_03;
+    float view_10, view_11, view_12, view_13;
+    float view_20, view_21, view_22, view_23;
+} p;
+layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer means;
+layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer scales;
+layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer quats;
+layout(set = 0, binding = 3) buffer Geom { vec4 geom[]; };
+layout(set = 0, binding = 4) buffer Dirs { vec4 dirs[]; };
+layout(set = 0, binding = 5) buffer TileRects { uvec4 tile_rects[]; };
+layout(set = 0, binding = 6) buffer DepthKeys { uint depth_keys[]; };
+layout(set = 0, binding = 7) buffer Order { uint order[]; };
+
+const float NEAR_DEPTH = 0.2;
+const float BLUR = 0.3;
+const float FRUSTUM_MARGIN = 1.3;
+const float MIN_SPREAD = 0.1;
+const float LOG2_E = 1.4426950408889634;
+
+// Rows of the 2x3 matrix J W R S, whose Gram matrix is the projected covariance before the blur.
+void half_covariance(vec3 view, mat3 rotation, vec4 quat, vec3 scale, out vec3 row_x, out vec3 row_y) {
+    vec2 limit = FRUSTUM_MARGIN * 0.5 * vec2(p.width, p.height) / vec2(p.fx, p.fy);
+    vec2 t = clamp(view.xy / view.z, -limit, limit);
+    mat3 m = rotation * quat_to_mat3(quat_normalize(quat));
+    mat3 rows = transpose(m);
+    row_x = (p.fx / view.z) * (rows[0] - t.x * rows[2]) * scale;
+    row_y = (p.fy / view.z) * (rows[1] - t.y * rows[2]) * scale;
+}
+
+// 8x8 tiles inside the 16x16 tiles of the 3-sigma square, cut to the box where alpha can count.
+uvec4 tile_rect(vec2 mean2d, vec3 cov, float opacity) {
+    float mid = 0.5 * (cov.x + cov.z), spread = 0.5 * (cov.x - cov.z);
+    float radius = ceil(3.0 * sqrt(mid + sqrt(max(MIN_SPREAD, spread * spread + cov.y * cov.y))));
+    vec2 grid = vec2((uvec2(p.width, p.height) + 15u) / 16u);
+    vec2 low = floor(clamp((mean2d - radius) / 16.0, vec2(0.0), grid));
+    vec2 high = floor(clamp((mean2d + radius + 15.0) / 16.0, vec2(0.0), grid));
+    vec2 reach = 1.001 * sqrt(2.0 * log(opacity / MIN_ALPHA) * cov.xz) + 0.01;
+    vec2 fine = vec2((uvec2(p.width, p.height) + 7u) / 8u);
+    vec2 first = clamp(floor((mean2d - reach) / 8.0), 2.0 * low, fine);
+    vec2 last = clamp(floor((mean2d + reach) / 8.0) + 1.0, first, max(first, min(2.0 * high, fine)));
+    bool empty = high.x <= low.x || high.y <= low.y;
+    return empty ? uvec4(0u) : uvec4(uvec2(first), uvec2(last));
+}
+
+void main() {
+    uint i = global_index();
+    if (i >= p.n) return;
+    vec4 mean = imageLoad(means, int(i));
+    mat3 rotation = mat3(p.view_00, p.view_10, p.view_20, p.view_01, p.view_11, p.view_21, p.view_02, p.view_12, p.view_22);
+    vec3 shift = vec3(p.view_03, p.view_13, p.view_23);
+    vec3 view = rotation * mean.xyz + shift;
+    vec3 row_x, row_y;
+    half_covariance(view, rotation, imageLoad(quats, int(i)), exp(imageLoad(scales, int(i)).xyz), row_x, row_y);
+    vec3 gram = vec3(dot(row_x, row_x), dot(row_x, row_y), dot(row_y, row_y));
+    // Scaled by the largest entry, so that huge splats do not overflow; the determinant is a sum of
+    // non-negative terms (Cauchy-Binet), so that needles do not cancel.
+    float unit = 1.0 / max(1.0, max(gram.x, gram.z));
+    float root = sqrt(unit);
+    vec3 minors = cross(row_x * root, row_y * root);
+    vec3 g = gram * unit;
+    float blur = BLUR * unit;
+    float det = dot(minors, minors) + blur * (g.x + g.z) + blur * blur;
+    vec3 cov = g + vec3(blur, 0.0, blur);
+    vec3 conic = vec3(cov.z, -cov.y, cov.x) / det * unit;
+    vec2 mean2d = vec2(p.fx * view.x, p.fy * view.y) / view.z + vec2(p.cx, p.cy) - 0.5;
+    float opacity = 1.0 / (1.0 + exp(-mean.w));
+    vec4 shape = vec4(mean2d, conic.x * (-0.5 * LOG2_E), conic.y * -LOG2_E);
+    float shape_c = conic.z * (-0.5 * LOG2_E);
+    bool finite = !any(isnan(shape)) && !any(isinf(shape)) && !isnan(shape_c) && !isinf(shape_c);
+    bool keep = view.z > NEAR_DEPTH && !isinf(view.z) && finite && opacity >= MIN_ALPHA;
+    uvec4 rect = tile_rect(mean2d, cov / unit, opacity);
+    keep = keep && rect.z > rect.x && rect.w > rect.y;
+    geom[2u * i] = keep ? shape : vec4(0.0);
+    geom[2u * i + 1u] = keep ? vec4(shape_c, opacity, view.z, 0.0) : vec4(0.0);
+    vec3 centre = -(shift * rotation);
+    vec3 towards = mean.xyz - centre;
+    dirs[i] = keep ? vec4(towards / max(length(towards), 1e-12), 0.0) : vec4(0.0);
+    tile_rects[i] = keep ? rect : uvec4(0u);
+    depth_keys[i] = keep ? floatBitsToUint(view.z) : ~0u;
+    order[i] = i;
+}

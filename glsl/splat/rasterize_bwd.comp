@@ -1,0 +1,68 @@
+#version 460
+// splat/rasterize_bwd: dL/d(colour) of each (tile, splat) pair, the front-to-back traversal of rasterize_fwd.
+//   in   geom [V,8]   tile_offsets [tiles+1]   splat_from_isect, slot_from_isect [I, padded by 8]
+//        v_image [..,H,W,4] = dL/d(image), 4th channel unread, from pixel `in_offset` on
+//   out  v_slots [I,4] = sum over the tile's pixels of weight * v_image (=), at the pair's slot
+//   eq   v_colour = sum_p alpha_p T_p v_image_p; geometry and opacity are constants
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+#extension GL_KHR_shader_subgroup_shuffle : require
+#include "lib/lanes.glsl"
+#include "lib/raster.glsl"
+layout(local_size_x = 8) in;
+layout(push_constant) uniform Params { uint width, height, tiles_x, num_tiles, tile_stride, in_offset; } p;
+layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer geom;
+layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer v_image;
+layout(set = 0, binding = 2, rgba32ui) uniform readonly uimageBuffer splat_from_isect;
+layout(set = 0, binding = 3, rgba32ui) uniform readonly uimageBuffer slot_from_isect;
+layout(set = 0, binding = 4) readonly buffer TileOffsets { uint tile_offsets[]; };
+layout(set = 0, binding = 5) buffer VSlots { vec4 v_slots[]; };
+
+void main() {
+    uint lane = gl_LocalInvocationID.x;
+    if (workgroup_index() >= p.num_tiles) return;
+    uint tile = interleaved_tile(workgroup_index(), p.tile_stride, p.num_tiles);
+    uint x = (tile % p.tiles_x) * 8u + lane, y = (tile / p.tiles_x) * 8u;
+    float px = float(x), py = float(y);
+    uint at = tile_offsets[tile], end = tile_offsets[tile + 1u];
+    float t[8];
+    vec3 v[8];
+    [[unroll]] for (int k = 0; k < 8; ++k) {
+        t[k] = 1.0;
+        uint row = y + uint(k);
+        bool inside = x < p.width && row < p.height;
+        vec3 value = imageLoad(v_image, int(inside ? p.in_offset + row * p.width + x : p.in_offset)).xyz;
+        v[k] = inside ? value : vec3(0.0);
+    }
+    do {
+        uint i = at + lane;
+        bool valid = i < end;
+        uint splat = pick(imageLoad(splat_from_isect, int(i >> 2)), i);
+        uint slot = pick(imageLoad(slot_from_isect, int(i >> 2)), i);
+        splat = valid ? splat : 0u;
+        vec4 shape = imageLoad(geom, int(2u * splat));
+        vec4 rest = imageLoad(geom, int(2u * splat + 1u));
+        float opacity = valid ? rest.y : 0.0;
+        float sr[8], sg[8], sb[8];
+        [[unroll]] for (int j = 0; j < 8; ++j) {
+            float dx = subgroupShuffle(shape.x, j) - px;
+            float top = subgroupShuffle(shape.y, j) - py;
+            float ax = subgroupShuffle(shape.z, j) * dx * dx;
+            float bx = subgroupShuffle(shape.w, j) * dx;
+            float c = subgroupShuffle(rest.x, j);
+            float o = subgroupShuffle(opacity, j);
+            sr[j] = sg[j] = sb[j] = 0.0;
+            [[unroll]] for (int k = 0; k < 8; ++k) {
+                float weight = blend_weight(splat_alpha(ax, bx, c, o, top - float(k)), t[k]);
+                sr[j] += weight * v[k].x;
+                sg[j] += weight * v[k].y;
+                sb[j] += weight * v[k].z;
+            }
+        }
+        float vr = transposed_sum(sr, lane);
+        float vg = transposed_sum(sg, lane);
+        float vb = transposed_sum(sb, lane);
+        if (valid) v_slots[slot] = vec4(vr, vg, vb, 0.0);
+        at += 8u;
+    } while (at < end);
+}

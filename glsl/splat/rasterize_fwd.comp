@@ -1,0 +1,75 @@
+#version 460
+// splat/rasterize_fwd: front-to-back blending, Kerbl et al. 2023. One workgroup per 8x8 tile, one lane per column.
+//   in   geom [V,8] = mean2d.xy, conic.ab | conic.c, opacity, depth, -   colours [V,4]   tile_offsets [tiles+1]
+//        splat_from_isect [I, padded by 8] front to back inside a tile
+//   out  image [..,H,W,4] = rgb over the background, final transmittance (=), from pixel `out_offset` on
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+#extension GL_KHR_shader_subgroup_shuffle : require
+#include "lib/lanes.glsl"
+#include "lib/raster.glsl"
+layout(local_size_x = 8) in;
+layout(push_constant) uniform Params {
+    uint width, height, tiles_x, num_tiles, tile_stride, out_offset;
+    float background_r, background_g, background_b;
+} p;
+layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer geom;
+layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer colours;
+layout(set = 0, binding = 2, rgba32ui) uniform readonly uimageBuffer splat_from_isect;
+layout(set = 0, binding = 3) readonly buffer TileOffsets { uint tile_offsets[]; };
+layout(set = 0, binding = 4) buffer Image { vec4 image[]; };
+
+void main() {
+    uint lane = gl_LocalInvocationID.x;
+    if (workgroup_index() >= p.num_tiles) return;
+    uint tile = interleaved_tile(workgroup_index(), p.tile_stride, p.num_tiles);
+    uint x = (tile % p.tiles_x) * 8u + lane, y = (tile / p.tiles_x) * 8u;
+    float px = float(x), py = float(y);
+    uint at = tile_offsets[tile], end = tile_offsets[tile + 1u];
+    float t[8], r[8], g[8], b[8];
+    [[unroll]] for (int k = 0; k < 8; ++k) {
+        // A pixel outside the image starts stopped.
+        t[k] = x < p.width && y + uint(k) < p.height ? 1.0 : -1.0;
+        r[k] = g[k] = b[k] = 0.0;
+    }
+    float live;
+    do {
+        uint i = at + lane;
+        bool valid = i < end;
+        uint splat = pick(imageLoad(splat_from_isect, int(i >> 2)), i);
+        splat = valid ? splat : 0u;
+        vec4 shape = imageLoad(geom, int(2u * splat));
+        vec4 rest = imageLoad(geom, int(2u * splat + 1u));
+        vec4 colour = imageLoad(colours, int(splat));
+        float opacity = valid ? rest.y : 0.0;
+        [[unroll]] for (int j = 0; j < 8; ++j) {
+            float dx = subgroupShuffle(shape.x, j) - px;
+            float top = subgroupShuffle(shape.y, j) - py;
+            float ax = subgroupShuffle(shape.z, j) * dx * dx;
+            float bx = subgroupShuffle(shape.w, j) * dx;
+            float c = subgroupShuffle(rest.x, j);
+            float o = subgroupShuffle(opacity, j);
+            float cr = subgroupShuffle(colour.x, j);
+            float cg = subgroupShuffle(colour.y, j);
+            float cb = subgroupShuffle(colour.z, j);
+            [[unroll]] for (int k = 0; k < 8; ++k) {
+                float weight = blend_weight(splat_alpha(ax, bx, c, o, top - float(k)), t[k]);
+                r[k] += weight * cr;
+                g[k] += weight * cg;
+                b[k] += weight * cb;
+            }
+        }
+        live = t[0];
+        [[unroll]] for (int k = 1; k < 8; ++k) live = max(live, t[k]);
+        live = lanes_max(live);
+        at += 8u;
+    } while (at < end && live > 0.0);
+    vec3 background = vec3(p.background_r, p.background_g, p.background_b);
+    [[unroll]] for (int k = 0; k < 8; ++k) {
+        float final_t = abs(t[k]);
+        if (x < p.width && y + uint(k) < p.height) {
+            image[p.out_offset + (y + uint(k)) * p.width + x] =
+                vec4(vec3(r[k], g[k], b[k]) + final_t * background, final_t);
+        }
+    }
+}

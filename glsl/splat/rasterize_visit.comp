@@ -1,0 +1,62 @@
+#version 460
+// splat/rasterize_visit: which (tile, splat) pairs reach a pixel that has not stopped, for pruning a plan.
+//   in   geom [N,8]   tile_offsets [tiles+1]   slot_from_isect [I, padded by 8]   splat_from_slot [I]
+//   out  kept_isect, kept_slot [I] = 1 when some pixel of the tile takes alpha > 0 or stops there, else 0 (=)
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+#extension GL_KHR_shader_subgroup_shuffle : require
+#include "lib/lanes.glsl"
+#include "lib/raster.glsl"
+layout(local_size_x = 8) in;
+layout(push_constant) uniform Params { uint width, height, tiles_x, num_tiles, tile_stride; } p;
+layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer geom;
+layout(set = 0, binding = 1, rgba32ui) uniform readonly uimageBuffer slot_from_isect;
+layout(set = 0, binding = 2) readonly buffer SplatFromSlot { uint splat_from_slot[]; };
+layout(set = 0, binding = 3) readonly buffer TileOffsets { uint tile_offsets[]; };
+layout(set = 0, binding = 4) buffer KeptIsect { uint kept_isect[]; };
+layout(set = 0, binding = 5) buffer KeptSlot { uint kept_slot[]; };
+
+void main() {
+    uint lane = gl_LocalInvocationID.x;
+    if (workgroup_index() >= p.num_tiles) return;
+    uint tile = interleaved_tile(workgroup_index(), p.tile_stride, p.num_tiles);
+    uint x = (tile % p.tiles_x) * 8u + lane, y = (tile / p.tiles_x) * 8u;
+    float px = float(x), py = float(y);
+    uint at = tile_offsets[tile], end = tile_offsets[tile + 1u];
+    float t[8];
+    [[unroll]] for (int k = 0; k < 8; ++k) {
+        // A pixel outside the image starts stopped.
+        t[k] = x < p.width && y + uint(k) < p.height ? 1.0 : -1.0;
+    }
+    do {
+        uint i = at + lane;
+        bool valid = i < end;
+        uint slot = pick(imageLoad(slot_from_isect, int(i >> 2)), i);
+        slot = valid ? slot : 0u;
+        uint splat = splat_from_slot[slot];
+        vec4 shape = imageLoad(geom, int(2u * splat));
+        vec4 rest = imageLoad(geom, int(2u * splat + 1u));
+        float opacity = valid ? rest.y : 0.0;
+        float hits[8];
+        [[unroll]] for (int j = 0; j < 8; ++j) {
+            float dx = subgroupShuffle(shape.x, j) - px;
+            float top = subgroupShuffle(shape.y, j) - py;
+            float ax = subgroupShuffle(shape.z, j) * dx * dx;
+            float bx = subgroupShuffle(shape.w, j) * dx;
+            float c = subgroupShuffle(rest.x, j);
+            float o = subgroupShuffle(opacity, j);
+            hits[j] = 0.0;
+            [[unroll]] for (int k = 0; k < 8; ++k) {
+                float alpha = splat_alpha(ax, bx, c, o, top - float(k));
+                hits[j] += alpha > 0.0 && t[k] > 0.0 ? 1.0 : 0.0;
+                blend_weight(alpha, t[k]);
+            }
+        }
+        uint kept = transposed_sum(hits, lane) > 0.0 ? 1u : 0u;
+        if (valid) {
+            kept_isect[i] = kept;
+            kept_slot[slot] = kept;
+        }
+        at += 8u;
+    } while (at < end);
+}

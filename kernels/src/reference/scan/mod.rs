@@ -1,0 +1,4 @@
+//! Twins of `scan`.
+
+pub mod prefix_sum;
+pub mod radix_sort;

@@ -1,0 +1,8 @@
+//! Twins of `splat`.
+
+pub mod deform;
+pub mod hexplane;
+pub mod project;
+pub mod rasterize;
+pub mod sh;
+pub mod tile_bin;

@@ -1,0 +1,87 @@
+//! Twin of `splat/rasterize_*`.
+
+use super::project::Projected;
+use super::tile_bin::depth_order;
+use crate::reference::Real;
+
+const MAX_ALPHA: f64 = 0.99;
+const MIN_ALPHA: f64 = 1.0 / 255.0;
+const STOP_TRANSMITTANCE: f64 = 1e-4;
+
+/// A splat meets a pixel that has not stopped.
+#[derive(Clone, Copy, Debug)]
+pub struct Hit<R> {
+    /// Index of the splat.
+    pub splat: usize,
+    /// Row-major index of the pixel.
+    pub pixel: usize,
+    /// `alpha T`, zero where the pixel stops before this splat.
+    pub weight: R,
+}
+
+/// Walks splats front to back over the pixels of their 16 x 16 tiles (Kerbl et al. 2023) and returns
+/// the final transmittance `[H,W]`; `size` is width, height.
+pub fn traverse<R: Real>(splats: &[Option<Projected<R>>], size: [usize; 2], mut visit: impl FnMut(Hit<R>)) -> Vec<R> {
+    let [width, height] = size;
+    let mut transmittance = vec![R::of(1.0); width * height];
+    let mut stopped = vec![false; width * height];
+    for splat in depth_order(splats) {
+        let Some(s) = &splats[splat] else { continue };
+        let [x0, y0, x1, y1] = s.tiles.map(|t| 16 * t);
+        for y in y0..y1.min(height) {
+            for x in x0..x1.min(width) {
+                let pixel = y * width + x;
+                let (dx, dy) = (s.mean2d[0] - R::of(x as f64), s.mean2d[1] - R::of(y as f64));
+                let [a, b, c] = s.conic;
+                let power = R::of(-0.5) * (a * dx * dx + c * dy * dy) - b * dx * dy;
+                let alpha = (s.opacity * power.exp()).min(R::of(MAX_ALPHA));
+                if stopped[pixel] || power > R::of(0.0) || alpha < R::of(MIN_ALPHA) {
+                    continue;
+                }
+                let next = transmittance[pixel] * (R::of(1.0) - alpha);
+                stopped[pixel] = next < R::of(STOP_TRANSMITTANCE);
+                let weight = if stopped[pixel] { R::of(0.0) } else { alpha * transmittance[pixel] };
+                if !stopped[pixel] {
+                    transmittance[pixel] = next;
+                }
+                visit(Hit { splat, pixel, weight });
+            }
+        }
+    }
+    transmittance
+}
+
+/// Image `[H,W,4]`: rgb over the background, final transmittance. `colours` `[N,4]`.
+#[must_use]
+pub fn forward<R: Real>(
+    splats: &[Option<Projected<R>>],
+    colours: &[R],
+    background: [R; 3],
+    size: [usize; 2],
+) -> Vec<R> {
+    let mut image = vec![R::of(0.0); 4 * size[0] * size[1]];
+    let transmittance = traverse(splats, size, |hit| {
+        for k in 0..3 {
+            image[4 * hit.pixel + k] += hit.weight * colours[4 * hit.splat + k];
+        }
+    });
+    for (pixel, t) in image.chunks_exact_mut(4).zip(transmittance) {
+        for k in 0..3 {
+            pixel[k] += t * background[k];
+        }
+        pixel[3] = t;
+    }
+    image
+}
+
+/// Gradient `[N,4]` of the colours from `v_image` `[H,W,4]`, whose fourth channel is unread.
+#[must_use]
+pub fn backward<R: Real>(splats: &[Option<Projected<R>>], v_image: &[R], size: [usize; 2]) -> Vec<R> {
+    let mut v_colours = vec![R::of(0.0); 4 * splats.len()];
+    traverse(splats, size, |hit| {
+        for k in 0..3 {
+            v_colours[4 * hit.splat + k] += hit.weight * v_image[4 * hit.pixel + k];
+        }
+    });
+    v_colours
+}

@@ -1,0 +1,29 @@
+//! Twin of `splat/tile_bin_*` and `splat/rasterize_visit`: lists by definition, pixel by pixel.
+
+use super::project::Projected;
+use super::rasterize::{Hit, traverse};
+use crate::reference::Real;
+
+/// Splats in the order they are blended: by depth, ties by index.
+#[must_use]
+pub fn depth_order<R: Real>(splats: &[Option<Projected<R>>]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..splats.len()).filter(|&i| splats[i].is_some()).collect();
+    let depth = |i: usize| splats[i].as_ref().map_or(R::of(0.0), |s| s.depth);
+    order.sort_by(|&a, &b| depth(a).partial_cmp(&depth(b)).unwrap_or(std::cmp::Ordering::Equal));
+    order
+}
+
+/// For each 8 x 8 tile the splats, front to back, that reach a pixel of it which has not stopped.
+#[must_use]
+pub fn pruned_lists<R: Real>(splats: &[Option<Projected<R>>], size: [usize; 2]) -> Vec<Vec<usize>> {
+    let tiles_x = size[0].div_ceil(8);
+    let mut lists = vec![Vec::new(); tiles_x * size[1].div_ceil(8)];
+    traverse(splats, size, |hit: Hit<R>| {
+        let (x, y) = (hit.pixel % size[0], hit.pixel / size[0]);
+        let list: &mut Vec<usize> = &mut lists[(y / 8) * tiles_x + x / 8];
+        if list.last() != Some(&hit.splat) {
+            list.push(hit.splat);
+        }
+    });
+    lists
+}

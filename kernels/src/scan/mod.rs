@@ -1,0 +1,4 @@
+//! Prefix sums and sorting.
+
+pub mod prefix_sum;
+pub mod radix_sort;

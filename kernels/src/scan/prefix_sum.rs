@@ -1,0 +1,55 @@
+//! Exclusive prefix sum.
+
+use crate::registry::scan::{prefix_sum_apply, prefix_sum_partial, prefix_sum_spine};
+use crate::shape::{dim, require_len};
+use crate::{Buffer, Device, Grid, KernelError, Recorder};
+
+/// Invocations of one workgroup of the lane kernels.
+const GROUP: usize = 8;
+/// Elements that one lane sums at least, so that starting it pays.
+const MIN_CHUNK: usize = 1024;
+/// Lanes at most; the spine walks them one after another.
+const MAX_LANES: usize = 512;
+
+/// Working memory of [`exclusive`], for any length.
+#[derive(Debug)]
+pub struct Scratch {
+    sums: Buffer<u32>,
+}
+
+impl Scratch {
+    /// Working memory.
+    ///
+    /// # Errors
+    /// When memory runs out.
+    pub fn new(device: &Device, name: &str) -> Result<Self, KernelError> {
+        Ok(Self { sums: device.buffer(&format!("{name}.sums"), MAX_LANES)? })
+    }
+}
+
+/// Replaces `data[0..n]` by the sums of what stood before each element; `data[n]` becomes the total.
+///
+/// # Shapes
+/// in/out `data` [> n, rounded up to 4] (=)
+/// # Equation: `data[i] = sum_{j < i} data[j]`, modulo 2³²
+/// # Determinism: bitwise; no atomics
+///
+/// # Errors
+/// [`KernelError::Shape`] before anything is recorded.
+pub fn exclusive(
+    rec: &mut Recorder,
+    data: &mut Buffer<u32>,
+    n: usize,
+    scratch: &mut Scratch,
+) -> Result<(), KernelError> {
+    require_len("scan/prefix_sum", "data", data.len(), (n + 1).next_multiple_of(4))?;
+    let lanes = n.div_ceil(MIN_CHUNK).clamp(GROUP, MAX_LANES).next_multiple_of(GROUP);
+    let chunk = (n / 4 + 1).div_ceil(lanes);
+    let grid = Grid::threads(lanes);
+    let bind = prefix_sum_partial::Bind { data, sums: &mut scratch.sums };
+    rec.dispatch(bind, prefix_sum_partial::Params { n: dim(n), chunk: dim(chunk) }, grid)?;
+    let bind = prefix_sum_spine::Bind { sums: &mut scratch.sums };
+    rec.dispatch(bind, prefix_sum_spine::Params { lanes: dim(lanes) }, Grid::groups(1, 1, 1))?;
+    let bind = prefix_sum_apply::Bind { starts: &scratch.sums, data };
+    rec.dispatch(bind, prefix_sum_apply::Params { n: dim(n), chunk: dim(chunk) }, grid)
+}

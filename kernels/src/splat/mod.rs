@@ -1,0 +1,11 @@
+//! Gaussian splats: deformation in time, projection, colours, tile lists, blending.
+
+pub mod deform;
+pub mod hexplane;
+pub mod project;
+pub mod rasterize;
+pub mod sh;
+pub mod tile_bin;
+
+/// Floats of one row of spherical-harmonic coefficients: 16 bases, 3 channels.
+pub const SH_FLOATS: usize = 48;

@@ -1,0 +1,208 @@
+//! Front-to-back blending of sorted splats and its gradient with respect to the colours.
+
+use super::tile_bin::VisibleLists;
+use crate::registry::splat::{rasterize_bwd, rasterize_fwd, rasterize_gather};
+use crate::shape::{dim, require_len};
+use crate::{Buffer, Device, Grid, KernelError, Recorder};
+
+const KERNEL: &str = "splat/rasterize";
+
+/// Pixels along one side of the tiles that are blended by one workgroup.
+const TILE: u32 = 8;
+/// Most tiles of an image: one invocation may walk a splat's tiles by four within lavapipe's loop limit.
+const MAX_TILES: u32 = 4 * 65_535;
+
+/// An image cut into 8 x 8 tiles, row by row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TileGrid {
+    /// Image width in px.
+    pub width: u32,
+    /// Image height in px.
+    pub height: u32,
+}
+
+impl TileGrid {
+    /// The grid of an image.
+    ///
+    /// # Errors
+    /// [`KernelError::Shape`] when the image is empty or has more tiles than a kernel may walk.
+    pub fn new(width: u32, height: u32) -> Result<Self, KernelError> {
+        let tiles = u64::from(width.div_ceil(TILE)) * u64::from(height.div_ceil(TILE));
+        if tiles == 0 || tiles > u64::from(MAX_TILES) {
+            return Err(KernelError::Shape {
+                kernel: KERNEL,
+                buffer: "image",
+                got: format!("{width} x {height} px"),
+                expected: format!("1 to {MAX_TILES} tiles of {TILE} x {TILE} px"),
+            });
+        }
+        Ok(Self { width, height })
+    }
+
+    /// Tiles along x.
+    #[must_use]
+    pub fn tiles_x(self) -> u32 {
+        self.width.div_ceil(TILE)
+    }
+
+    /// Tiles along y.
+    #[must_use]
+    pub fn tiles_y(self) -> u32 {
+        self.height.div_ceil(TILE)
+    }
+
+    /// All tiles.
+    #[must_use]
+    pub fn num_tiles(self) -> u32 {
+        self.tiles_x() * self.tiles_y()
+    }
+
+    /// Pixels.
+    #[must_use]
+    pub fn num_pixels(self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
+    /// Step between the tiles of consecutive workgroups, coprime to the number of tiles: about its
+    /// root, so that the product with a workgroup index stays below 2³².
+    #[must_use]
+    pub(crate) fn stride(self) -> u32 {
+        let tiles = self.num_tiles();
+        let gcd = |mut a: u32, mut b: u32| {
+            while b != 0 {
+                (a, b) = (b, a % b);
+            }
+            a
+        };
+        (tiles.isqrt() | 1..).step_by(2).find(|&s| gcd(s, tiles) == 1).unwrap_or(1)
+    }
+}
+
+/// A view of one frame of a clip `[F,H,W,4]`.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// The clip.
+    pub clip: &'a Buffer<f32>,
+    /// Frame index.
+    pub index: usize,
+}
+
+/// One frame of a clip `[F,H,W,4]` to write.
+#[derive(Debug)]
+pub struct FrameMut<'a> {
+    /// The clip.
+    pub clip: &'a mut Buffer<f32>,
+    /// Frame index.
+    pub index: usize,
+}
+
+/// Working memory of [`backward`].
+#[derive(Debug)]
+pub struct BackwardScratch {
+    v_slots: Buffer<f32>,
+}
+
+impl BackwardScratch {
+    /// Room for lists of `num_isects` pairs.
+    ///
+    /// # Errors
+    /// When memory runs out.
+    pub fn new(device: &Device, num_isects: usize) -> Result<Self, KernelError> {
+        Ok(Self { v_slots: device.buffer("rasterize.v_slots", 4 * num_isects)? })
+    }
+
+    /// Pairs that fit.
+    #[must_use]
+    pub fn capacity(&self) -> usize {
+        self.v_slots.len() / 4
+    }
+}
+
+/// Blends the visible splats into one frame of a clip.
+///
+/// # Shapes
+/// in `lists` · `colours` [V,4] · out `frame` [H,W,4] (=): rgb over the background, final transmittance
+/// # Equation
+/// Kerbl et al. 2023: alpha at most 0.99, skipped below 1/255; a pixel stops before the splat that
+/// would bring its transmittance below 1e-4. No clamp of the result.
+/// # Determinism: bitwise; no atomics
+///
+/// # Errors
+/// [`KernelError::Shape`] before anything is recorded.
+pub fn forward(
+    rec: &mut Recorder,
+    lists: &VisibleLists,
+    colours: &Buffer<f32>,
+    background: [f32; 3],
+    frame: FrameMut<'_>,
+) -> Result<(), KernelError> {
+    let grid = lists.grid;
+    require_len(KERNEL, "colours", colours.len(), 4 * lists.num_visible)?;
+    require_len(KERNEL, "clip", frame.clip.len(), 4 * grid.num_pixels() * (frame.index + 1))?;
+    let bind = rasterize_fwd::Bind {
+        geom: &lists.geom,
+        colours,
+        splat_from_isect: &lists.splat_from_isect,
+        tile_offsets: &lists.tile_offsets,
+        image: frame.clip,
+    };
+    let params = rasterize_fwd::Params {
+        width: grid.width,
+        height: grid.height,
+        tiles_x: grid.tiles_x(),
+        num_tiles: grid.num_tiles(),
+        tile_stride: grid.stride(),
+        out_offset: dim(grid.num_pixels() * frame.index),
+        background_r: background[0],
+        background_g: background[1],
+        background_b: background[2],
+    };
+    rec.dispatch(bind, params, workgroups(grid))
+}
+
+/// Gradient with respect to the colours: the same traversal, then a sum over each splat's tiles.
+///
+/// # Shapes
+/// in `lists` · `v_frame` [H,W,4], fourth channel unread · out `v_colours` [V,4] (=), fourth channel 0
+/// # Equation: `v_colour_i = sum_p alpha_pi T_pi v_image_p`; geometry and opacity are constants
+/// # Determinism: bitwise; every pair has its own slot and slots are added in a fixed order
+///
+/// # Errors
+/// [`KernelError::Shape`] before anything is recorded.
+pub fn backward(
+    rec: &mut Recorder,
+    lists: &VisibleLists,
+    v_frame: Frame<'_>,
+    scratch: &mut BackwardScratch,
+    v_colours: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let grid = lists.grid;
+    require_len(KERNEL, "v_colours", v_colours.len(), 4 * lists.num_visible)?;
+    require_len(KERNEL, "v_clip", v_frame.clip.len(), 4 * grid.num_pixels() * (v_frame.index + 1))?;
+    require_len(KERNEL, "v_slots", scratch.v_slots.len(), 4 * lists.num_isects)?;
+    let bind = rasterize_bwd::Bind {
+        geom: &lists.geom,
+        v_image: v_frame.clip,
+        splat_from_isect: &lists.splat_from_isect,
+        slot_from_isect: &lists.slot_from_isect,
+        tile_offsets: &lists.tile_offsets,
+        v_slots: &mut scratch.v_slots,
+    };
+    let params = rasterize_bwd::Params {
+        width: grid.width,
+        height: grid.height,
+        tiles_x: grid.tiles_x(),
+        num_tiles: grid.num_tiles(),
+        tile_stride: grid.stride(),
+        in_offset: dim(grid.num_pixels() * v_frame.index),
+    };
+    rec.dispatch(bind, params, workgroups(grid))?;
+    let bind = rasterize_gather::Bind { v_slots: &scratch.v_slots, slot_offsets: &lists.slot_offsets, v_colours };
+    let params = rasterize_gather::Params { num_visible: dim(lists.num_visible), num_slots: dim(lists.num_isects) };
+    rec.dispatch(bind, params, Grid::threads(lists.num_visible))
+}
+
+/// One workgroup per tile, a lane for each of its columns.
+pub(super) fn workgroups(grid: TileGrid) -> Grid {
+    Grid::threads(grid.num_tiles() as usize * TILE as usize)
+}

@@ -1,0 +1,129 @@
+//! View-dependent colours from spherical harmonics.
+
+use super::SH_FLOATS;
+use crate::registry::splat::{sh_bwd, sh_fwd};
+use crate::shape::{dim, require_len};
+use crate::{Buffer, Grid, KernelError, Recorder};
+
+const KERNEL: &str = "splat/sh";
+
+/// Which coefficients of the offsets exist.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OffsetBases {
+    /// Only the DC term is read, and only its gradient is written.
+    Dc,
+    /// All coefficients up to the degree.
+    All,
+}
+
+/// Coefficients and offsets that colours are computed from.
+#[derive(Clone, Copy, Debug)]
+pub struct ShInputs<'a> {
+    /// Coefficients h `[N,16,3]`.
+    pub sh_coeffs: &'a Buffer<f32>,
+    /// Offsets added to them `[N,16,3]` and which of them exist; `None` for the unmarked colours.
+    pub offsets: Option<(&'a Buffer<f32>, OffsetBases)>,
+    /// Degree to evaluate, at most 3.
+    pub degree: u32,
+}
+
+/// Splats that a view sees.
+#[derive(Clone, Copy, Debug)]
+pub struct VisibleSplats<'a> {
+    /// Unit vectors from the camera to the means `[V,4]`.
+    pub dirs: &'a Buffer<f32>,
+    /// Row of each visible splat in the coefficients `[V]`.
+    pub splat_from_visible: &'a Buffer<u32>,
+    /// V.
+    pub count: usize,
+}
+
+fn check(sh: &ShInputs<'_>, visible: &VisibleSplats<'_>, colours: usize) -> Result<(), KernelError> {
+    require_len(KERNEL, "dirs", visible.dirs.len(), 4 * visible.count)?;
+    require_len(KERNEL, "splat_from_visible", visible.splat_from_visible.len(), visible.count)?;
+    require_len(KERNEL, "colours", colours, 4 * visible.count)?;
+    let coeffs = sh.sh_coeffs.len();
+    if sh.degree > 3 || !coeffs.is_multiple_of(SH_FLOATS) {
+        return Err(KernelError::Shape {
+            kernel: KERNEL,
+            buffer: "sh_coeffs",
+            got: format!("[{coeffs}], degree {}", sh.degree),
+            expected: format!("rows of {SH_FLOATS}, degree 0 to 3"),
+        });
+    }
+    sh.offsets.map_or(Ok(()), |(offsets, _)| require_len(KERNEL, "offsets", offsets.len(), coeffs))
+}
+
+fn offset_bases(bases: OffsetBases) -> u32 {
+    match bases {
+        OffsetBases::Dc => 1,
+        OffsetBases::All => 16,
+    }
+}
+
+/// Colours of the visible splats.
+///
+/// # Shapes
+/// in `sh` [N,16,3] · `visible` [V] · out `colours` [V,4] (=), fourth channel 0
+/// # Equation: `max(0, 1/2 + sum_j Y_j(d) (h_j + delta_j))`, Kerbl et al. 2023; no upper clamp
+/// # Determinism: bitwise; no atomics
+///
+/// # Errors
+/// [`KernelError::Shape`] before anything is recorded.
+pub fn forward(
+    rec: &mut Recorder,
+    sh: &ShInputs<'_>,
+    visible: &VisibleSplats<'_>,
+    colours: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    check(sh, visible, colours.len())?;
+    let (offsets, bases) = sh.offsets.map_or((sh.sh_coeffs, 0), |(o, bases)| (o, offset_bases(bases)));
+    let bind = sh_fwd::Bind {
+        sh_coeffs: sh.sh_coeffs,
+        offsets,
+        dirs: visible.dirs,
+        splat_from_visible: visible.splat_from_visible,
+        colours,
+    };
+    let spec = sh_fwd::Spec { degree: sh.degree, offset_bases: bases };
+    rec.dispatch_spec(bind, sh_fwd::Params { num_visible: dim(visible.count) }, spec, Grid::threads(visible.count))
+}
+
+/// Gradient of the offsets.
+///
+/// # Shapes
+/// in `sh` [N,16,3] with offsets · `visible` [V] · `v_colours` [V,4] · out `v_offsets` [N,16,3] (+=);
+/// coefficients that do not exist or lie above the degree are left alone
+/// # Equation: `v_delta_j += Y_j(d) v_colour`, per channel nothing where the colour before the clamp is < 0
+/// # Determinism: bitwise; no atomics
+///
+/// # Errors
+/// [`KernelError::Shape`] before anything is recorded, also when `sh` has no offsets.
+pub fn backward(
+    rec: &mut Recorder,
+    sh: &ShInputs<'_>,
+    visible: &VisibleSplats<'_>,
+    v_colours: &Buffer<f32>,
+    v_offsets: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    check(sh, visible, v_colours.len())?;
+    require_len(KERNEL, "v_offsets", v_offsets.len(), sh.sh_coeffs.len())?;
+    let Some((offsets, bases)) = sh.offsets else {
+        return Err(KernelError::Shape {
+            kernel: KERNEL,
+            buffer: "offsets",
+            got: "none".to_owned(),
+            expected: "offsets to differentiate".to_owned(),
+        });
+    };
+    let bind = sh_bwd::Bind {
+        sh_coeffs: sh.sh_coeffs,
+        offsets,
+        dirs: visible.dirs,
+        v_colours,
+        splat_from_visible: visible.splat_from_visible,
+        v_offsets,
+    };
+    let spec = sh_bwd::Spec { degree: sh.degree, offset_bases: offset_bases(bases) };
+    rec.dispatch_spec(bind, sh_bwd::Params { num_visible: dim(visible.count) }, spec, Grid::threads(visible.count))
+}

@@ -1,0 +1,399 @@
+//! Which splats each tile sees, front to back: the constant part of rendering a frame.
+
+use super::project::{self, Projection, RawSplats, View};
+use super::rasterize::{TileGrid, workgroups};
+use crate::registry::splat::{
+    rasterize_visit, tile_bin_count, tile_bin_emit, tile_bin_keep, tile_bin_pairs, tile_bin_ranges, tile_bin_splats,
+    tile_bin_tiles,
+};
+use crate::scan::prefix_sum;
+use crate::scan::radix_sort::{self, SortPairs};
+use crate::shape::dim;
+use crate::vk::PassTime;
+use crate::{Buffer, Device, Grid, KernelError, Recorder, Timings};
+
+const KERNEL: &str = "splat/tile_bin";
+
+/// Tiles that one invocation walks at most, below lavapipe's loop limit of 65,535.
+const MAX_BAND_TILES: u32 = 32_768;
+/// Pairs of one tile at most: 8 in each of lavapipe's 65,535 turns of a loop.
+const MAX_TILE_PAIRS: usize = 8 * 65_535;
+/// Extra list entries, so that a lane beside the last pair still reads inside the buffer.
+const LIST_PADDING: usize = 8;
+
+/// What happens to pairs that change no pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Prune {
+    /// They stay: one traversal less to build, for frames that are rendered once.
+    Keep,
+    /// They go, and splats without pairs with them; images and gradients stay the same to the bit.
+    Remove,
+}
+
+/// A view's visible splats in depth order and the sorted list of each tile.
+#[derive(Debug)]
+pub struct VisibleLists {
+    /// Image and tiles.
+    pub grid: TileGrid,
+    /// V.
+    pub num_visible: usize,
+    /// I, pairs of a tile and a splat.
+    pub num_isects: usize,
+    /// Centre, scaled conic, opacity, depth `[V,8]`.
+    pub geom: Buffer<f32>,
+    /// Unit vectors from the camera `[V,4]`.
+    pub dirs: Buffer<f32>,
+    /// Row in the scene of each visible splat `[V]`.
+    pub splat_from_visible: Buffer<u32>,
+    /// First pair of each tile `[tiles+1]`.
+    pub tile_offsets: Buffer<u32>,
+    /// Visible splat of each pair, by tile and depth `[I]`.
+    pub splat_from_isect: Buffer<u32>,
+    /// Slot of each pair: a splat's slots are contiguous `[I]`.
+    pub slot_from_isect: Buffer<u32>,
+    /// First slot of each visible splat `[V+1]`.
+    pub slot_offsets: Buffer<u32>,
+}
+
+impl VisibleLists {
+    fn new(device: &Device, grid: TileGrid, num_visible: usize, num_isects: usize) -> Result<Self, KernelError> {
+        let isects = num_isects + LIST_PADDING;
+        Ok(Self {
+            grid,
+            num_visible,
+            num_isects,
+            geom: device.buffer("lists.geom", 8 * num_visible)?,
+            dirs: device.buffer("lists.dirs", 4 * num_visible)?,
+            splat_from_visible: device.buffer("lists.splat_from_visible", num_visible)?,
+            tile_offsets: device.buffer("lists.tile_offsets", grid.num_tiles() as usize + 1)?,
+            splat_from_isect: device.buffer("lists.splat_from_isect", isects)?,
+            slot_from_isect: device.buffer("lists.slot_from_isect", isects)?,
+            slot_offsets: device.buffer("lists.slot_offsets", num_visible + 1)?,
+        })
+    }
+
+    /// Bytes of device memory.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let floats = self.geom.len() + self.dirs.len();
+        let indices = self.splat_from_visible.len()
+            + self.tile_offsets.len()
+            + self.splat_from_isect.len()
+            + self.slot_from_isect.len()
+            + self.slot_offsets.len();
+        4 * (floats + indices)
+    }
+}
+
+/// Working memory that grows with the number of pairs.
+#[derive(Debug)]
+struct PairScratch {
+    sort: SortPairs,
+    splat_from_slot: Buffer<u32>,
+    kept_isects: Buffer<u32>,
+    kept_slots: Buffer<u32>,
+}
+
+impl PairScratch {
+    fn new(device: &Device, pairs: usize) -> Result<Self, KernelError> {
+        let sums = (pairs + 1).next_multiple_of(4);
+        Ok(Self {
+            sort: SortPairs::new(device, "tile_bin.pairs", pairs + LIST_PADDING)?,
+            splat_from_slot: device.buffer("tile_bin.splat_from_slot", pairs.max(1))?,
+            kept_isects: device.buffer("tile_bin.kept_isects", sums)?,
+            kept_slots: device.buffer("tile_bin.kept_slots", sums)?,
+        })
+    }
+}
+
+/// Working memory that grows with the number of splats.
+#[derive(Debug)]
+struct SplatScratch {
+    projection: Projection,
+    slot_offsets: Buffer<u32>,
+    visible: Buffer<u32>,
+    visible_from_splat: Buffer<u32>,
+}
+
+impl SplatScratch {
+    fn new(device: &Device, n: usize, bands: usize) -> Result<Self, KernelError> {
+        let sums = |n: usize| (n + 1).next_multiple_of(4);
+        Ok(Self {
+            projection: Projection::new(device, n)?,
+            slot_offsets: device.buffer("tile_bin.slot_offsets", sums(n * bands))?,
+            visible: device.buffer("tile_bin.visible", sums(n))?,
+            visible_from_splat: device.buffer("tile_bin.visible_from_splat", n)?,
+        })
+    }
+}
+
+/// One frame to bin.
+#[derive(Clone, Copy, Debug)]
+struct Job {
+    n: usize,
+    grid: TileGrid,
+    bands: u32,
+    band_rows: u32,
+}
+
+impl Job {
+    fn new(view: &View, n: usize) -> Result<Self, KernelError> {
+        let grid = TileGrid::new(view.width, view.height)?;
+        let band_rows = (MAX_BAND_TILES / grid.tiles_x()).clamp(1, grid.tiles_y());
+        Ok(Self { n, grid, bands: grid.tiles_y().div_ceil(band_rows), band_rows })
+    }
+
+    fn counts(&self) -> usize {
+        self.n * self.bands as usize
+    }
+}
+
+/// Builds [`VisibleLists`]; keeps its working memory between frames.
+#[derive(Debug)]
+pub struct TileBinner {
+    device: Device,
+    splats: Option<SplatScratch>,
+    pairs: Option<PairScratch>,
+    tile_offsets: Option<Buffer<u32>>,
+    scan: prefix_sum::Scratch,
+}
+
+impl TileBinner {
+    /// A binner without working memory yet.
+    ///
+    /// # Errors
+    /// When memory runs out.
+    pub fn new(device: &Device) -> Result<Self, KernelError> {
+        let scan = prefix_sum::Scratch::new(device, "tile_bin")?;
+        Ok(Self { device: device.clone(), splats: None, pairs: None, tile_offsets: None, scan })
+    }
+
+    /// Projects, sorts and bins the splats of one view; runs at once and waits.
+    ///
+    /// # Shapes
+    /// in `splats` [N,4] each
+    /// # Equation
+    /// The tile lists of Kerbl et al. 2023: a splat is seen only in the 16 x 16 tiles of its 3-sigma
+    /// square, pairs are sorted by tile and view depth, ties by index. Lists are held for 8 x 8 tiles,
+    /// without the tiles where alpha stays below the threshold.
+    /// # Determinism: bitwise; no atomics
+    ///
+    /// # Errors
+    /// [`KernelError::Shape`] for wrong lengths, an image with too many tiles, or a tile with more
+    /// pairs than a kernel may walk.
+    pub fn build(
+        &mut self,
+        view: &View,
+        splats: RawSplats<'_>,
+        n: usize,
+        prune: Prune,
+    ) -> Result<(VisibleLists, Timings), KernelError> {
+        let job = Job::new(view, n)?;
+        let mut passes = Vec::new();
+        let total = if n == 0 { 0 } else { self.count(view, splats, job, &mut passes)? };
+        if total == 0 {
+            return Ok((VisibleLists::new(&self.device, job.grid, 0, 0)?, Timings { passes }));
+        }
+        self.emit(job, total, &mut passes)?;
+        let (num_visible, num_isects) = self.select(job, total, prune, &mut passes)?;
+        let mut lists = VisibleLists::new(&self.device, job.grid, num_visible, num_isects)?;
+        self.compact(job, total, &mut lists, &mut passes)?;
+        Ok((lists, Timings { passes }))
+    }
+
+    /// Projects, sorts by depth and counts pairs.
+    fn count(
+        &mut self,
+        view: &View,
+        splats: RawSplats<'_>,
+        job: Job,
+        passes: &mut Vec<PassTime>,
+    ) -> Result<usize, KernelError> {
+        let fits = |s: &SplatScratch| s.visible_from_splat.len() >= job.n && s.slot_offsets.len() > job.counts();
+        let scratch = match self.splats.take() {
+            Some(scratch) if fits(&scratch) => scratch,
+            _ => SplatScratch::new(&self.device, job.n, job.bands as usize)?,
+        };
+        let scratch = self.splats.insert(scratch);
+        let mut rec = self.device.recorder()?;
+        let projection = &mut scratch.projection;
+        project::forward(&mut rec, view, splats, job.n, projection)?;
+        radix_sort::sort(&mut rec, &mut projection.order, job.n, u32::BITS)?;
+        let bind = tile_bin_count::Bind {
+            geom: &projection.geom,
+            tile_rects: &projection.tile_rects,
+            order: &projection.order.values,
+            counts: &mut scratch.slot_offsets,
+        };
+        let params = tile_bin_count::Params { n: dim(job.n), bands: job.bands, band_rows: job.band_rows };
+        rec.dispatch(bind, params, Grid::threads(job.counts()))?;
+        prefix_sum::exclusive(&mut rec, &mut scratch.slot_offsets, job.counts(), &mut self.scan)?;
+        passes.extend(rec.submit()?.passes);
+        element(&scratch.slot_offsets, job.counts())
+    }
+
+    /// Writes the pairs, sorts them by tile and finds where each tile begins.
+    fn emit(&mut self, job: Job, total: usize, passes: &mut Vec<PassTime>) -> Result<(), KernelError> {
+        let pairs = match self.pairs.take() {
+            Some(pairs) if pairs.splat_from_slot.len() >= total => pairs,
+            _ => PairScratch::new(&self.device, total)?,
+        };
+        let pairs = self.pairs.insert(pairs);
+        let boundaries = job.grid.num_tiles() as usize + 1;
+        let tile_offsets = match self.tile_offsets.take() {
+            Some(offsets) if offsets.len() == boundaries => offsets,
+            _ => self.device.buffer("tile_bin.tile_offsets", boundaries)?,
+        };
+        let tile_offsets = self.tile_offsets.insert(tile_offsets);
+        let scratch = self.splats.as_ref().expect("count has filled it");
+        let mut rec = self.device.recorder()?;
+        let bind = tile_bin_emit::Bind {
+            geom: &scratch.projection.geom,
+            tile_rects: &scratch.projection.tile_rects,
+            order: &scratch.projection.order.values,
+            slot_offsets: &scratch.slot_offsets,
+            tile_keys: &mut pairs.sort.keys,
+            slots: &mut pairs.sort.values,
+            splat_from_slot: &mut pairs.splat_from_slot,
+        };
+        let params = tile_bin_emit::Params {
+            n: dim(job.n),
+            bands: job.bands,
+            band_rows: job.band_rows,
+            tiles_x: job.grid.tiles_x(),
+        };
+        rec.dispatch(bind, params, Grid::threads(job.counts()))?;
+        let bits = u32::BITS - (job.grid.num_tiles() - 1).leading_zeros();
+        radix_sort::sort(&mut rec, &mut pairs.sort, total, bits.max(1))?;
+        let params = tile_bin_ranges::Params { num_tiles: job.grid.num_tiles(), num_isects: dim(total) };
+        let bind = tile_bin_ranges::Bind { tile_keys: &pairs.sort.keys, tile_offsets };
+        rec.dispatch(bind, params, Grid::threads(boundaries))?;
+        passes.extend(rec.submit()?.passes);
+        if job.n > MAX_TILE_PAIRS { longest_list_fits(tile_offsets) } else { Ok(()) }
+    }
+
+    /// Decides which pairs and splats stay; returns V and I.
+    fn select(
+        &mut self,
+        job: Job,
+        total: usize,
+        prune: Prune,
+        passes: &mut Vec<PassTime>,
+    ) -> Result<(usize, usize), KernelError> {
+        let scratch = self.splats.as_mut().expect("count has filled it");
+        let pairs = self.pairs.as_mut().expect("emit has filled it");
+        let tile_offsets = self.tile_offsets.as_ref().expect("emit has filled it");
+        let mut rec = self.device.recorder()?;
+        match prune {
+            Prune::Keep => {
+                rec.fill(&mut pairs.kept_isects, 1);
+                rec.fill(&mut pairs.kept_slots, 1);
+            }
+            Prune::Remove => visit(&mut rec, job.grid, &scratch.projection, pairs, tile_offsets)?,
+        }
+        prefix_sum::exclusive(&mut rec, &mut pairs.kept_isects, total, &mut self.scan)?;
+        prefix_sum::exclusive(&mut rec, &mut pairs.kept_slots, total, &mut self.scan)?;
+        let bind = tile_bin_keep::Bind {
+            slot_offsets: &scratch.slot_offsets,
+            kept_slots: &pairs.kept_slots,
+            visible: &mut scratch.visible,
+        };
+        let params = tile_bin_keep::Params { n: dim(job.n), bands: job.bands };
+        rec.dispatch(bind, params, Grid::threads(job.n))?;
+        prefix_sum::exclusive(&mut rec, &mut scratch.visible, job.n, &mut self.scan)?;
+        passes.extend(rec.submit()?.passes);
+        Ok((element(&scratch.visible, job.n)?, element(&pairs.kept_isects, total)?))
+    }
+
+    /// Gathers what stays.
+    fn compact(
+        &mut self,
+        job: Job,
+        total: usize,
+        lists: &mut VisibleLists,
+        passes: &mut Vec<PassTime>,
+    ) -> Result<(), KernelError> {
+        let scratch = self.splats.as_mut().expect("count has filled it");
+        let pairs = self.pairs.as_mut().expect("emit has filled it");
+        let tile_offsets = self.tile_offsets.as_ref().expect("emit has filled it");
+        let mut rec = self.device.recorder()?;
+        let bind = tile_bin_splats::Bind {
+            geom: &scratch.projection.geom,
+            dirs: &scratch.projection.dirs,
+            order: &scratch.projection.order.values,
+            visible: &scratch.visible,
+            slot_offsets: &scratch.slot_offsets,
+            kept_slots: &pairs.kept_slots,
+            visible_geom: &mut lists.geom,
+            visible_dirs: &mut lists.dirs,
+            splat_from_visible: &mut lists.splat_from_visible,
+            visible_offsets: &mut lists.slot_offsets,
+            visible_from_splat: &mut scratch.visible_from_splat,
+        };
+        let params = tile_bin_splats::Params { n: dim(job.n), bands: job.bands };
+        rec.dispatch(bind, params, Grid::threads(job.n))?;
+        let bind = tile_bin_pairs::Bind {
+            slots: &pairs.sort.values,
+            splat_from_slot: &pairs.splat_from_slot,
+            visible_from_splat: &scratch.visible_from_splat,
+            kept_isects: &pairs.kept_isects,
+            kept_slots: &pairs.kept_slots,
+            splat_from_isect: &mut lists.splat_from_isect,
+            slot_from_isect: &mut lists.slot_from_isect,
+        };
+        rec.dispatch(bind, tile_bin_pairs::Params { num_isects: dim(total) }, Grid::threads(total))?;
+        let bind = tile_bin_tiles::Bind {
+            tile_offsets,
+            kept_isects: &pairs.kept_isects,
+            kept_tile_offsets: &mut lists.tile_offsets,
+        };
+        let num_tiles = job.grid.num_tiles();
+        rec.dispatch(bind, tile_bin_tiles::Params { num_tiles }, Grid::threads(num_tiles as usize + 1))?;
+        passes.extend(rec.submit()?.passes);
+        Ok(())
+    }
+}
+
+/// Marks the pairs that reach a pixel which has not stopped.
+fn visit(
+    rec: &mut Recorder,
+    grid: TileGrid,
+    projection: &Projection,
+    pairs: &mut PairScratch,
+    tile_offsets: &Buffer<u32>,
+) -> Result<(), KernelError> {
+    let bind = rasterize_visit::Bind {
+        geom: &projection.geom,
+        slot_from_isect: &pairs.sort.values,
+        splat_from_slot: &pairs.splat_from_slot,
+        tile_offsets,
+        kept_isect: &mut pairs.kept_isects,
+        kept_slot: &mut pairs.kept_slots,
+    };
+    let params = rasterize_visit::Params {
+        width: grid.width,
+        height: grid.height,
+        tiles_x: grid.tiles_x(),
+        num_tiles: grid.num_tiles(),
+        tile_stride: grid.stride(),
+    };
+    rec.dispatch(bind, params, workgroups(grid))
+}
+
+fn element(buffer: &Buffer<u32>, at: usize) -> Result<usize, KernelError> {
+    Ok(buffer.read_range(at..at + 1)?[0] as usize)
+}
+
+fn longest_list_fits(tile_offsets: &Buffer<u32>) -> Result<(), KernelError> {
+    let offsets = tile_offsets.read()?;
+    let longest = offsets.windows(2).map(|w| (w[1] - w[0]) as usize).max().unwrap_or(0);
+    if longest <= MAX_TILE_PAIRS {
+        return Ok(());
+    }
+    Err(KernelError::Shape {
+        kernel: KERNEL,
+        buffer: "tile_offsets",
+        got: format!("{longest} splats in one tile"),
+        expected: format!("at most {MAX_TILE_PAIRS}"),
+    })
+}

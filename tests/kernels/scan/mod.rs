@@ -1,0 +1,4 @@
+//! Tests of `scan`.
+
+mod prefix_sum;
+mod radix_sort;

@@ -1,0 +1,9 @@
+//! Tests of `splat`.
+
+mod deform;
+mod hexplane;
+mod project;
+mod rasterize;
+mod scene;
+mod sh;
+mod tile_bin;

@@ -1,0 +1,147 @@
+//! splat/project: the twin against a camera worked out by hand, GPU against the twin.
+
+use guard4d_kernels::reference::splat::rasterize::traverse;
+use guard4d_kernels::splat::project::{Projection, View, forward};
+
+use super::scene::{self, Scene};
+use crate::support::close::assert_close;
+use crate::support::gpu::{Gpu, device};
+
+const LOG2_E: f32 = std::f32::consts::LOG2_E;
+
+struct Read {
+    geom: Vec<f32>,
+    dirs: Vec<f32>,
+    rects: Vec<u32>,
+    keys: Vec<u32>,
+}
+
+fn run(gpu: &Gpu, scene: &Scene, view: &View) -> Read {
+    let n = scene.len();
+    let uploaded = scene.upload(gpu);
+    let mut out = Projection::new(gpu, n).expect("projection");
+    let mut rec = gpu.recorder().expect("recorder");
+    forward(&mut rec, view, uploaded.raw(), n, &mut out).expect("records");
+    rec.submit().expect("runs");
+    Read {
+        geom: out.geom.read().expect("read"),
+        dirs: out.dirs.read().expect("read"),
+        rects: out.tile_rects.read().expect("read"),
+        keys: out.order.keys.read().expect("read"),
+    }
+}
+
+fn axis_aligned(means: &[[f32; 4]], scale: f32) -> Scene {
+    Scene {
+        means: means.concat(),
+        scales: [scale.ln(), scale.ln(), scale.ln(), 0.0].repeat(means.len()),
+        quats: [1.0, 0.0, 0.0, 0.0].repeat(means.len()),
+    }
+}
+
+fn straight_view() -> View {
+    View {
+        world_to_camera: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+        focal: [100.0, 100.0],
+        centre: [32.0, 32.0],
+        width: 64,
+        height: 64,
+    }
+}
+
+#[test]
+fn twin_projects_a_sphere_on_the_axis() {
+    let scene = axis_aligned(&[[0.0, 0.0, 2.0, 0.0]], 0.1);
+    let splat = scene.project::<f64>(&straight_view())[0].expect("seen");
+    // f s / z = 100 * 0.1 / 2 = 5 px, so the variance is 25 + 0.3; the axis meets pixel (S - 1) / 2.
+    assert!((splat.mean2d[0] - 31.5).abs() < 1e-6 && (splat.mean2d[1] - 31.5).abs() < 1e-6, "{splat:?}");
+    assert!((splat.conic[0] - 1.0 / 25.3).abs() < 1e-6 && splat.conic[1].abs() < 1e-9, "{splat:?}");
+    assert!((splat.opacity - 0.5).abs() < 1e-9 && splat.depth == 2.0 && splat.dir[2] == 1.0, "{splat:?}");
+    // Radius ceil(3 sqrt(25.3 + sqrt 0.1)) = 16: from 15.5 to 47.5 px.
+    assert_eq!(splat.tiles, [0, 0, 3, 3]);
+}
+
+#[test]
+fn near_plane_opacity_and_image_cull() {
+    let means = [
+        [0.0, 0.0, 0.2, 0.0],    // on the near plane
+        [0.0, 0.0, 0.2001, 0.0], // just beyond
+        [0.0, 0.0, 2.0, -6.0],   // opacity below 1/255
+        [9.0, 0.0, 2.0, 0.0],    // beside the image
+        [0.0, 0.0, -2.0, 0.0],   // behind
+    ];
+    let scene = axis_aligned(&means, 0.01);
+    let seen: Vec<_> = scene.project::<f32>(&straight_view()).iter().map(Option::is_some).collect();
+    assert_eq!(seen, [false, true, false, false, false]);
+    let Some(gpu) = device() else { return };
+    let read = run(&gpu, &scene, &straight_view());
+    for (i, seen) in seen.into_iter().enumerate() {
+        assert_eq!(read.keys[i] != u32::MAX, seen, "splat {i}");
+        assert_eq!(read.rects[4 * i + 2] > read.rects[4 * i], seen, "splat {i}");
+    }
+}
+
+#[test]
+fn gpu_follows_the_twin() {
+    let Some(gpu) = device() else { return };
+    for (n, width, height) in [(1, 40, 40), (700, 37, 53), (2000, 200, 160)] {
+        let (scene, view) = (scene::random(n, n as u64), scene::view(width, height));
+        let read = run(&gpu, &scene, &view);
+        let twin = scene.project::<f32>(&view);
+        for (i, splat) in twin.iter().enumerate() {
+            let Some(s) = splat else {
+                assert_eq!(read.keys[i], u32::MAX, "splat {i} is culled");
+                continue;
+            };
+            if read.keys[i] == u32::MAX {
+                // The device culls by 8 x 8 tiles and by the alpha threshold as well.
+                let mut hits = 0;
+                traverse(&[*splat], [width as usize, height as usize], |_| hits += 1);
+                assert_eq!(hits, 0, "splat {i} is culled but reaches a pixel");
+                continue;
+            }
+            let geom = &read.geom[8 * i..8 * i + 8];
+            // A few dozen roundings at coordinates of a few hundred px.
+            assert_close(&geom[..2], &s.mean2d, 1e-3, 0.0);
+            let half = -0.5 * LOG2_E;
+            let conic = [s.conic[0] * half, 2.0 * s.conic[1] * half, s.conic[2] * half];
+            let size = conic[0].abs() + conic[2].abs();
+            // Relative to the largest entry; the twin's determinant cancels for elongated splats.
+            assert_close(&[geom[2], geom[3], geom[4]], &conic, 2e-4 * size, 0.0);
+            // The driver's exp is within 1e-6 relative, depth has four roundings.
+            assert_close(&geom[5..7], &[s.opacity, s.depth], 0.0, 1e-5);
+            assert_close(&read.dirs[4 * i..4 * i + 3], &s.dir, 1e-6, 0.0);
+            assert_eq!(read.keys[i], geom[6].to_bits(), "splat {i}: the key is the depth");
+            let rect = &read.rects[4 * i..4 * i + 4];
+            // The fine rectangle lies inside the coarse one; one tile of slack where a ceil may flip.
+            assert!((0..2).all(|k| rect[k] as usize + 2 >= 2 * s.tiles[k]), "{rect:?} in {:?}", s.tiles);
+            assert!((2..4).all(|k| rect[k] as usize <= 2 * s.tiles[k] + 2), "{rect:?} in {:?}", s.tiles);
+        }
+    }
+}
+
+#[test]
+fn poison_and_huge_splats_never_reach_the_lists_as_numbers_that_are_not() {
+    let Some(gpu) = device() else { return };
+    let mut scene = scene::random(64, 1);
+    let poison = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e-40, 1e30, -1e30];
+    for (i, value) in poison.into_iter().enumerate() {
+        scene.means[4 * i] = value;
+        scene.means[4 * (i + 8) + 3] = value;
+        scene.scales[4 * (i + 16)] = value;
+        scene.quats[4 * (i + 24) + 1] = value;
+    }
+    scene.quats[4 * 40..4 * 41].fill(0.0);
+    scene.scales[4 * 41..4 * 42].fill(18.0);
+    scene.scales[4 * 42] = 18.0;
+    scene.scales[4 * 43..4 * 44].fill(-23.0);
+    let read = run(&gpu, &scene, &scene::view(64, 48));
+    assert!(read.geom.iter().chain(&read.dirs).all(|v| v.is_finite()), "only finite records");
+    assert!(read.rects.chunks(4).all(|r| r[2] <= 8 && r[3] <= 6), "rectangles inside the image");
+    for i in [0, 1, 2, 8, 16, 17, 24] {
+        assert_eq!(read.keys[i], u32::MAX, "splat {i} is dropped");
+    }
+    for i in [40, 41, 42, 43] {
+        assert_ne!(read.keys[i], u32::MAX, "splat {i} is drawn: zero quaternion, huge, needle, point");
+    }
+}

@@ -1,0 +1,217 @@
+//! splat/rasterize: linear in the colours, adjoint, GPU against the twin, the same bytes twice.
+
+use guard4d_kernels::reference::splat::rasterize as twin;
+use guard4d_kernels::splat::project::View;
+use guard4d_kernels::splat::rasterize::{BackwardScratch, Frame, FrameMut, backward, forward};
+use guard4d_kernels::splat::tile_bin::{Prune, VisibleLists};
+use guard4d_kernels::{Device, KernelError};
+
+use super::scene::{self, Scene};
+use super::tile_bin::lists;
+use crate::support::close::{assert_close, cosine, worst_ratio};
+use crate::support::gpu::device;
+use crate::support::gradcheck::gradcheck;
+use crate::support::random::Random;
+
+const BACKGROUND: [f32; 3] = [1.0, 0.5, 0.25];
+
+fn size(view: &View) -> [usize; 2] {
+    [view.width as usize, view.height as usize]
+}
+
+/// Rows of `all` `[N,4]` for the visible splats.
+fn visible(lists: &VisibleLists, all: &[f32]) -> Vec<f32> {
+    let splats = lists.splat_from_visible.read().expect("read");
+    splats.iter().take(lists.num_visible).flat_map(|&s| all[4 * s as usize..][..4].to_vec()).collect()
+}
+
+/// The opposite: rows of the visible splats at their place among `n`.
+fn scatter(lists: &VisibleLists, rows: &[f32], n: usize) -> Vec<f32> {
+    let mut all = vec![0.0; 4 * n];
+    for (row, &s) in rows.chunks(4).zip(&lists.splat_from_visible.read().expect("read")) {
+        all[4 * s as usize..][..4].copy_from_slice(row);
+    }
+    all
+}
+
+fn render(device: &Device, lists: &VisibleLists, colours: &[f32], background: [f32; 3]) -> Vec<f32> {
+    let colours = device.buffer_from("colours", colours).expect("buffer");
+    let mut image = device.buffer("image", 4 * lists.grid.num_pixels()).expect("buffer");
+    let mut rec = device.recorder().expect("recorder");
+    let frame = FrameMut { clip: &mut image, index: 0 };
+    forward(&mut rec, lists, &colours, background, frame).expect("records");
+    rec.submit().expect("runs");
+    image.read().expect("read")
+}
+
+fn pull(device: &Device, lists: &VisibleLists, v_image: &[f32]) -> Vec<f32> {
+    let v_image = device.buffer_from("v_image", v_image).expect("buffer");
+    let mut v_colours = device.buffer("v_colours", 4 * lists.num_visible).expect("buffer");
+    let mut scratch = BackwardScratch::new(device, lists.num_isects).expect("scratch");
+    let mut rec = device.recorder().expect("recorder");
+    let frame = Frame { clip: &v_image, index: 0 };
+    backward(&mut rec, lists, frame, &mut scratch, &mut v_colours).expect("records");
+    rec.submit().expect("runs");
+    v_colours.read().expect("read")
+}
+
+#[test]
+fn twin_gradient_agrees_with_differences() {
+    let (scene, view) = (scene::random(30, 2), scene::view(20, 12));
+    let splats = scene.project::<f64>(&view);
+    let mut random = Random(3);
+    let colours = random.vec(4 * scene.len(), 0.0, 1.0);
+    let v_image = random.vec(4 * 20 * 12, -1.0, 1.0);
+    let loss = |c: &[f64]| {
+        let image = twin::forward(&splats, c, [0.0; 3], size(&view));
+        image.chunks(4).zip(v_image.chunks(4)).map(|(i, v)| i[0] * v[0] + i[1] * v[1] + i[2] * v[2]).sum::<f64>()
+    };
+    let grad = twin::backward(&splats, &v_image, size(&view));
+    assert!(grad.iter().any(|g| g.abs() > 0.1), "the scene is seen");
+    // Linear: only rounding remains of the difference.
+    assert!(gradcheck(loss, &colours, &grad) < 1e-8);
+}
+
+#[test]
+fn gpu_image_and_gradient_follow_the_twin() {
+    let Some(gpu) = device() else { return };
+    for (n, width, height) in [(1, 8, 8), (400, 37, 53), (3000, 200, 120), (2000, 65, 7)] {
+        let (scene, view) = (scene::random(n, n as u64), scene::view(width, height));
+        let splats = scene.project::<f32>(&view);
+        let mut random = Random(9);
+        let colours = random.vec_f32(4 * n, 0.0, 1.0);
+        let v_image = random.vec_f32(4 * (width * height) as usize, -1.0, 1.0);
+        let want_image = twin::forward(&splats, &colours, BACKGROUND, size(&view));
+        let want_grad = twin::backward(&splats, &v_image, size(&view));
+        for prune in [Prune::Keep, Prune::Remove] {
+            let lists = lists(&gpu, &scene, &view, prune);
+            let image = render(&gpu, &lists, &visible(&lists, &colours), BACKGROUND);
+            let off =
+                image.iter().zip(&want_image).filter(|(g, w)| worst_ratio(&[**g], &[**w], 1e-4, 0.0) > 1.0).count();
+            // Threshold decisions may flip by rounding in a few pixels; each changes at most 1/255 or so.
+            assert!(off * 1000 <= image.len(), "{off} of {} values are off by 1e-4", image.len());
+            assert_close(&image, &want_image, 0.02, 0.0);
+            let grad = scatter(&lists, &pull(&gpu, &lists, &v_image), n);
+            let angle = cosine(&grad, &want_grad);
+            // One flip in a thousand pixels turns the gradient by less than 1e-4.
+            assert!(angle > 0.9999 || want_grad.iter().all(|g| *g == 0.0), "cosine {angle}");
+        }
+    }
+}
+
+#[test]
+fn pruning_changes_no_bit_and_twice_gives_the_same_bytes() {
+    let Some(gpu) = device() else { return };
+    let (scene, view) = (scene::random(4000, 8), scene::view(150, 90));
+    let mut random = Random(1);
+    let colours = random.vec_f32(4 * scene.len(), 0.0, 1.0);
+    let v_image = random.vec_f32(4 * 150 * 90, -1.0, 1.0);
+    let run = |prune| {
+        let lists = lists(&gpu, &scene, &view, prune);
+        let image = render(&gpu, &lists, &visible(&lists, &colours), BACKGROUND);
+        let grad = scatter(&lists, &pull(&gpu, &lists, &v_image), scene.len());
+        (image, grad, lists.num_isects)
+    };
+    let (image, grad, pairs) = run(Prune::Remove);
+    let (image_again, grad_again, _) = run(Prune::Remove);
+    assert!(image == image_again && grad == grad_again, "the same bytes twice");
+    let (image_full, grad_full, pairs_full) = run(Prune::Keep);
+    assert!(pairs < pairs_full, "{pairs} of {pairs_full} pairs stay");
+    assert!(image == image_full, "the image is the same to the bit");
+    // Zero terms in other places only change where a sum is rounded.
+    assert_close(&grad, &grad_full, 1e-4, 1e-5);
+}
+
+#[test]
+fn image_is_linear_in_colours_and_background_and_backward_is_the_adjoint() {
+    let Some(gpu) = device() else { return };
+    let (scene, view) = (scene::random(1500, 6), scene::view(96, 64));
+    let lists = lists(&gpu, &scene, &view, Prune::Remove);
+    let mut random = Random(2);
+    let a = random.vec_f32(4 * lists.num_visible, -1.0, 1.0);
+    let b = random.vec_f32(4 * lists.num_visible, -1.0, 1.0);
+    let sum: Vec<f32> = a.iter().zip(&b).map(|(x, y)| x + 2.0 * y).collect();
+    let black = [0.0; 3];
+    let (image_a, image_b) = (render(&gpu, &lists, &a, black), render(&gpu, &lists, &b, black));
+    let image = render(&gpu, &lists, &sum, BACKGROUND);
+    let mut want = vec![0.0; image.len()];
+    for (i, w) in want.iter_mut().enumerate() {
+        let t = image_a[i / 4 * 4 + 3];
+        *w = if i % 4 == 3 { t } else { image_a[i] + 2.0 * image_b[i] + t * BACKGROUND[i % 4] };
+    }
+    // A hundred products of size one per pixel at most, each rounded to 6e-8.
+    assert_close(&image, &want, 2e-5, 0.0);
+    // <A b, g> = <b, A^T g>, accumulated in f64.
+    let g = random.vec_f32(image.len(), -1.0, 1.0);
+    let dot = |x: &[f32], y: &[f32]| {
+        let rgb = |i: &usize| i % 4 != 3;
+        (0..x.len()).filter(rgb).map(|i| f64::from(x[i]) * f64::from(y[i])).sum::<f64>()
+    };
+    let (left, right) = (dot(&image_b, &g), dot(&b, &pull(&gpu, &lists, &g)));
+    let norm = dot(&image_b, &image_b).sqrt() * dot(&g, &g).sqrt();
+    assert!((left - right).abs() <= 1e-6 * norm, "{left} against {right}, norm {norm}");
+}
+
+#[test]
+fn frames_of_a_clip_are_written_and_read_at_their_place() {
+    let Some(gpu) = device() else { return };
+    let (scene, view) = (scene::random(300, 7), scene::view(37, 53));
+    let lists = lists(&gpu, &scene, &view, Prune::Remove);
+    let colours = vec![0.5; 4 * lists.num_visible];
+    let alone = render(&gpu, &lists, &colours, BACKGROUND);
+    let pixels = 4 * lists.grid.num_pixels();
+    let buffer = gpu.buffer_from("colours", &colours).expect("buffer");
+    let mut clip = gpu.buffer_from("clip", &vec![7.0f32; 3 * pixels]).expect("buffer");
+    let mut rec = gpu.recorder().expect("recorder");
+    let frame = FrameMut { clip: &mut clip, index: 1 };
+    forward(&mut rec, &lists, &buffer, BACKGROUND, frame).expect("records");
+    rec.submit().expect("runs");
+    let all = clip.read().expect("read");
+    assert!(all[pixels..2 * pixels] == alone[..], "the frame");
+    assert!(all[..pixels].iter().chain(&all[2 * pixels..]).all(|v| *v == 7.0), "its neighbours");
+    let mut v_clip = vec![f32::NAN; 3 * pixels];
+    v_clip[pixels..2 * pixels].copy_from_slice(&alone);
+    let v_buffer = gpu.buffer_from("v_clip", &v_clip).expect("buffer");
+    let mut v_colours = gpu.buffer("v_colours", 4 * lists.num_visible).expect("buffer");
+    let mut scratch = BackwardScratch::new(&gpu, lists.num_isects).expect("scratch");
+    let mut rec = gpu.recorder().expect("recorder");
+    let frame = Frame { clip: &v_buffer, index: 1 };
+    backward(&mut rec, &lists, frame, &mut scratch, &mut v_colours).expect("records");
+    rec.submit().expect("runs");
+    assert!(v_colours.read().expect("read") == pull(&gpu, &lists, &alone), "reads its own frame only");
+    let mut rec = gpu.recorder().expect("recorder");
+    let error = forward(&mut rec, &lists, &buffer, BACKGROUND, FrameMut { clip: &mut clip, index: 3 });
+    assert!(matches!(error, Err(KernelError::Shape { buffer: "clip", .. })), "{error:?}");
+}
+
+#[test]
+fn an_empty_scene_shows_the_background_and_has_no_gradient() {
+    let Some(gpu) = device() else { return };
+    let empty = Scene { means: vec![], scales: vec![], quats: vec![] };
+    let lists = lists(&gpu, &empty, &scene::view(37, 53), Prune::Remove);
+    let image = render(&gpu, &lists, &[], BACKGROUND);
+    let [r, g, b] = BACKGROUND;
+    assert!(image.chunks(4).all(|p| p == [r, g, b, 1.0]), "background everywhere");
+    assert!(pull(&gpu, &lists, &vec![1.0; image.len()]).is_empty(), "no splat, no gradient");
+}
+
+#[test]
+fn long_lists_run_to_their_end() {
+    let Some(gpu) = device() else { return };
+    // One tile, faint splats: every one counts, none stops the pixel.
+    let n = 20_000;
+    let mut scene = scene::random(n, 11);
+    for (i, mean) in scene.means.chunks_mut(4).enumerate() {
+        mean.copy_from_slice(&[0.0, 0.0, i as f32 * 1e-4, -5.4]);
+    }
+    scene.scales.fill(-1.0);
+    let view = scene::view(8, 8);
+    let lists = lists(&gpu, &scene, &view, Prune::Keep);
+    assert_eq!(lists.num_isects, n, "all in the one tile");
+    let splats = scene.project::<f32>(&view);
+    let colours = Random(4).vec_f32(4 * n, 0.0, 1.0);
+    let image = render(&gpu, &lists, &visible(&lists, &colours), BACKGROUND);
+    let want = twin::forward(&splats, &colours, BACKGROUND, [8, 8]);
+    // 2000 blended splats of weight 0.004 and less, each rounded to 6e-8; one may flip at the stop.
+    assert_close(&image, &want, 1e-3, 0.0);
+}

@@ -1,0 +1,140 @@
+//! splat/sh: the twin's gradient against differences, GPU against the twin.
+
+use guard4d_kernels::reference::splat::sh as twin;
+use guard4d_kernels::splat::sh::{OffsetBases, ShInputs, VisibleSplats, backward, forward};
+use guard4d_kernels::{Buffer, KernelError};
+
+use crate::support::close::assert_close;
+use crate::support::gpu::device;
+use crate::support::gradcheck::gradcheck;
+use crate::support::random::Random;
+
+fn unit_dirs(random: &mut Random, n: usize) -> Vec<f64> {
+    let mut dirs = Vec::new();
+    for _ in 0..n {
+        let d = random.vec(3, -1.0, 1.0);
+        let norm = d.iter().map(|v| v * v).sum::<f64>().sqrt();
+        dirs.extend([d[0] / norm, d[1] / norm, d[2] / norm, 0.0]);
+    }
+    dirs
+}
+
+#[test]
+fn basis_is_orthonormal_over_the_sphere() {
+    // Midpoint rule in cos(theta) and phi: exact in phi, error (1/400)^2 in cos(theta).
+    let (rows, columns) = (400, 32);
+    let mut gram = [[0.0f64; 16]; 16];
+    for row in 0..rows {
+        let z = -1.0 + (f64::from(row) + 0.5) * 2.0 / f64::from(rows);
+        for column in 0..columns {
+            let phi = (f64::from(column) + 0.5) * std::f64::consts::TAU / f64::from(columns);
+            let r = (1.0 - z * z).sqrt();
+            let y = twin::basis([r * phi.cos(), r * phi.sin(), z], 3);
+            let area = 4.0 * std::f64::consts::PI / f64::from(rows * columns);
+            for i in 0..16 {
+                for j in 0..16 {
+                    gram[i][j] += y[i] * y[j] * area;
+                }
+            }
+        }
+    }
+    for (i, row) in gram.iter().enumerate() {
+        for (j, value) in row.iter().enumerate() {
+            let want = f64::from(u8::from(i == j));
+            assert!((value - want).abs() < 1e-3, "<Y{i}, Y{j}> = {value}");
+        }
+    }
+}
+
+#[test]
+fn twin_gradient_agrees_with_differences() {
+    let mut random = Random(5);
+    let splats = [2, 0, 1];
+    let dirs = unit_dirs(&mut random, 3);
+    let coeffs = random.vec(48 * 4, -0.5, 0.5);
+    let v = random.vec(12, -1.0, 1.0);
+    for degree in 0..=3 {
+        let f = |c: &[f64]| twin::forward(c, &dirs, &splats, degree).iter().zip(&v).map(|(a, b)| a * b).sum::<f64>();
+        let grad = twin::backward(&coeffs, &dirs, &splats, degree, &v);
+        // Piecewise linear, and the data crosses no clamp within a step: only rounding remains.
+        assert!(gradcheck(f, &coeffs, &grad) < 1e-8, "degree {degree}");
+    }
+}
+
+#[test]
+fn gpu_follows_the_twin_for_every_degree_and_offset() {
+    let Some(gpu) = device() else { return };
+    for (visible, n) in [(1, 1), (37, 50), (300, 301)] {
+        let mut random = Random(visible as u64);
+        let dirs: Vec<f32> = unit_dirs(&mut random, visible).iter().map(|v| *v as f32).collect();
+        let mut splats: Vec<usize> = (0..n).collect();
+        (1..n).for_each(|i| splats.swap(i, random.below(i + 1)));
+        splats.truncate(visible);
+        // Large enough that a good part of the channels is clamped.
+        let coeffs = random.vec_f32(48 * n, -0.6, 0.6);
+        let offsets = random.vec_f32(48 * n, -0.2, 0.2);
+        let v_colours = random.vec_f32(4 * visible, -1.0, 1.0);
+        let already = random.vec_f32(48 * n, -1.0, 1.0);
+        let buffer = |data: &[f32]| gpu.buffer_from("input", data).expect("buffer");
+        let ids: Vec<u32> = splats.iter().map(|&s| s as u32).collect();
+        let (dirs_gpu, ids_gpu) = (buffer(&dirs), gpu.buffer_from("ids", &ids).expect("buffer"));
+        let (coeffs_gpu, offsets_gpu, v_gpu) = (buffer(&coeffs), buffer(&offsets), buffer(&v_colours));
+        let seen = VisibleSplats { dirs: &dirs_gpu, splat_from_visible: &ids_gpu, count: visible };
+        for degree in 0..=3 {
+            for bases in [None, Some(OffsetBases::Dc), Some(OffsetBases::All)] {
+                let offset = |i: usize| match bases {
+                    None => 0.0,
+                    Some(OffsetBases::Dc) => offsets[i] * f32::from(u8::from(i % 48 < 3)),
+                    Some(OffsetBases::All) => offsets[i],
+                };
+                let sum: Vec<f32> = coeffs.iter().enumerate().map(|(i, c)| c + offset(i)).collect();
+                let sh = ShInputs { sh_coeffs: &coeffs_gpu, offsets: bases.map(|b| (&offsets_gpu, b)), degree };
+                let mut colours = gpu.buffer("colours", 4 * visible).expect("buffer");
+                let mut rec = gpu.recorder().expect("recorder");
+                forward(&mut rec, &sh, &seen, &mut colours).expect("records");
+                rec.submit().expect("runs");
+                let want = twin::forward(&sum, &dirs, &splats, degree);
+                // 48 products of size one or less, each rounded twice.
+                assert_close(&colours.read().expect("read"), &want, 1e-5, 0.0);
+                let Some(bases) = bases else { continue };
+                let mut v_offsets = buffer(&already);
+                let mut rec = gpu.recorder().expect("recorder");
+                backward(&mut rec, &sh, &seen, &v_gpu, &mut v_offsets).expect("records");
+                rec.submit().expect("runs");
+                let mut want = twin::backward(&sum, &dirs, &splats, degree, &v_colours);
+                for (i, w) in want.iter_mut().enumerate() {
+                    let exists = bases == OffsetBases::All || i % 48 < 3;
+                    *w = already[i] + if exists { *w } else { 0.0 };
+                }
+                // One product and one sum of size one.
+                assert_close(&v_offsets.read().expect("read"), &want, 1e-6, 0.0);
+            }
+        }
+    }
+}
+
+#[test]
+fn nan_stays_in_its_splat_and_wrong_shapes_are_refused() {
+    let Some(gpu) = device() else { return };
+    let mut coeffs = vec![0.1f32; 96];
+    coeffs[50] = f32::NAN;
+    let coeffs = gpu.buffer_from("coeffs", &coeffs).expect("buffer");
+    let dirs = gpu.buffer_from("dirs", &[0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]).expect("buffer");
+    let ids = gpu.buffer_from("ids", &[0u32, 1]).expect("buffer");
+    let seen = VisibleSplats { dirs: &dirs, splat_from_visible: &ids, count: 2 };
+    let sh = ShInputs { sh_coeffs: &coeffs, offsets: None, degree: 3 };
+    let mut colours = gpu.buffer("colours", 8).expect("buffer");
+    let mut rec = gpu.recorder().expect("recorder");
+    forward(&mut rec, &sh, &seen, &mut colours).expect("records");
+    rec.submit().expect("runs");
+    assert!(colours.read().expect("read")[..4].iter().all(|v| v.is_finite()), "the other splat is untouched");
+    let mut rec = gpu.recorder().expect("recorder");
+    let mut short: Buffer<f32> = gpu.buffer("colours", 4).expect("buffer");
+    let error = forward(&mut rec, &sh, &seen, &mut short);
+    assert!(matches!(error, Err(KernelError::Shape { buffer: "colours", .. })), "{error:?}");
+    let error = forward(&mut rec, &ShInputs { degree: 4, ..sh }, &seen, &mut colours);
+    assert!(matches!(error, Err(KernelError::Shape { buffer: "sh_coeffs", .. })), "{error:?}");
+    let mut v_offsets = gpu.buffer("v_offsets", 96).expect("buffer");
+    let error = backward(&mut rec, &sh, &seen, &colours, &mut v_offsets);
+    assert!(matches!(error, Err(KernelError::Shape { buffer: "offsets", .. })), "{error:?}");
+}

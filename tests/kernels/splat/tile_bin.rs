@@ -1,0 +1,95 @@
+//! splat/tile_bin: lists against the twin's, which are found pixel by pixel.
+
+use guard4d_kernels::Device;
+use guard4d_kernels::reference::splat::tile_bin as twin;
+use guard4d_kernels::splat::project::View;
+use guard4d_kernels::splat::tile_bin::{Prune, TileBinner, VisibleLists};
+
+use super::scene::{self, Scene};
+use crate::support::gpu::device;
+
+pub(crate) fn lists(device: &Device, scene: &Scene, view: &View, prune: Prune) -> VisibleLists {
+    let mut binner = TileBinner::new(device).expect("binner");
+    binner.build(view, scene.upload(device).raw(), scene.len(), prune).expect("builds").0
+}
+
+/// Splats of each tile, front to back.
+fn by_tile(lists: &VisibleLists) -> Vec<Vec<usize>> {
+    let splats = lists.splat_from_visible.read().expect("read");
+    let isects = lists.splat_from_isect.read().expect("read");
+    let offsets = lists.tile_offsets.read().expect("read");
+    let ids = |w: &[u32]| isects[w[0] as usize..w[1] as usize].iter().map(|&i| splats[i as usize] as usize).collect();
+    offsets.windows(2).map(ids).collect()
+}
+
+#[test]
+fn lists_hold_what_each_tile_sees_in_depth_order() {
+    let Some(gpu) = device() else { return };
+    for (n, width, height) in [(1, 8, 8), (500, 37, 53), (3000, 200, 120)] {
+        let (scene, view) = (scene::random(n, n as u64), scene::view(width, height));
+        let projected = scene.project::<f32>(&view);
+        let size = [width as usize, height as usize];
+        let want = twin::pruned_lists(&projected, size);
+        let kept = by_tile(&lists(&gpu, &scene, &view, Prune::Keep));
+        let pruned = by_tile(&lists(&gpu, &scene, &view, Prune::Remove));
+        let rank: Vec<_> = projected.iter().map(|s| s.map_or(f32::INFINITY, |s| s.depth)).collect();
+        let (mut total, mut differing) = (0, 0);
+        for tile in 0..want.len() {
+            // Depths agree to 1e-5 between device and twin, so only closer pairs may swap.
+            let ordered = |list: &[usize]| list.windows(2).all(|w| rank[w[0]] <= rank[w[1]] + 1e-4);
+            assert!(ordered(&kept[tile]) && ordered(&pruned[tile]), "tile {tile} is in depth order");
+            assert!(pruned[tile].iter().all(|s| kept[tile].contains(s)), "tile {tile}: pruning only removes");
+            total += want[tile].len();
+            differing += want[tile].iter().filter(|s| !pruned[tile].contains(s)).count();
+            differing += pruned[tile].iter().filter(|s| !want[tile].contains(s)).count();
+        }
+        // Decisions at the alpha and stop thresholds may flip by rounding: less than 1 in 500 does.
+        assert!(differing * 500 <= total, "{differing} of {total} pairs differ");
+    }
+}
+
+#[test]
+fn slots_of_a_splat_are_contiguous_and_each_is_used_once() {
+    let Some(gpu) = device() else { return };
+    let lists = lists(&gpu, &scene::random(800, 4), &scene::view(90, 70), Prune::Remove);
+    let offsets = lists.slot_offsets.read().expect("read");
+    let splat = lists.splat_from_isect.read().expect("read");
+    let slot = lists.slot_from_isect.read().expect("read");
+    let mut used = vec![false; lists.num_isects];
+    for i in 0..lists.num_isects {
+        let (s, at) = (splat[i] as usize, slot[i]);
+        assert!(offsets[s] <= at && at < offsets[s + 1], "pair {i} lies in its splat's range");
+        assert!(!std::mem::replace(&mut used[at as usize], true), "slot {at} is used twice");
+    }
+    assert_eq!(offsets[lists.num_visible] as usize, lists.num_isects, "every slot belongs to a splat");
+}
+
+#[test]
+fn nothing_to_see_gives_empty_lists() {
+    let Some(gpu) = device() else { return };
+    let empty = Scene { means: vec![], scales: vec![], quats: vec![] };
+    let mut behind = scene::random(20, 1);
+    behind.means.chunks_mut(4).for_each(|m| m[2] = -50.0);
+    for scene in [empty, behind] {
+        for prune in [Prune::Keep, Prune::Remove] {
+            let lists = lists(&gpu, &scene, &scene::view(37, 53), prune);
+            assert_eq!((lists.num_visible, lists.num_isects), (0, 0));
+            assert!(lists.tile_offsets.read().expect("read").iter().all(|&o| o == 0), "all tiles are empty");
+        }
+    }
+}
+
+#[test]
+fn images_without_pixels_or_with_too_many_tiles_are_refused() {
+    let Some(gpu) = device() else { return };
+    let scene = scene::random(3, 1);
+    let uploaded = scene.upload(&gpu);
+    let mut binner = TileBinner::new(&gpu).expect("binner");
+    for (width, height) in [(0, 8), (8, 0), (1 << 20, 1 << 20)] {
+        let view = View { width, height, ..scene::view(8, 8) };
+        assert!(binner.build(&view, uploaded.raw(), 3, Prune::Keep).is_err(), "{width} x {height}");
+    }
+    let view = scene::view(64, 64);
+    assert!(binner.build(&view, uploaded.raw(), 4, Prune::Keep).is_err(), "more splats than the buffers hold");
+    assert!(binner.build(&view, uploaded.raw(), 3, Prune::Keep).is_ok(), "and the binner still works");
+}
