@@ -3,6 +3,8 @@
 
 pub mod error;
 pub mod media;
+pub mod output;
+pub mod scene;
 pub mod tensor_file;
 pub mod train;
 pub mod watermark;
