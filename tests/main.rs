@@ -3,5 +3,7 @@
 #![allow(clippy::cast_possible_truncation, reason = "test sizes are small")]
 
 mod kernels;
+mod media;
 mod support;
 mod tidy;
+mod watermark;

@@ -1,11 +1,12 @@
 #version 460
-// optim/adam_step: Adam, Kingma & Ba 2015, Algorithm 1. One invocation per element.
+// optim/adam_step: Adam, Kingma & Ba 2015, Algorithm 1, with decoupled decay (Loshchilov & Hutter 2019, Algorithm 2).
+// One invocation per element.
 //   in   param [n]   v_param [n] = dL/d(param)
 //   out  param [n] (=)   exp_avg [n] (=)   exp_avg_sq [n] (=)
-//   twin kernels/src/reference/optim/adam.rs   bias_i = 1 - beta_i^t, from the host
+//   twin kernels/src/reference/optim/adam.rs   bias_i = 1 - beta_i^t and keep = 1 - decay, from the host
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
-layout(push_constant) uniform Params { uint n; float lr, beta1, beta2, eps, bias1, bias2; } p;
+layout(push_constant) uniform Params { uint n; float lr, beta1, beta2, eps, bias1, bias2, keep; } p;
 layout(set = 0, binding = 0) buffer Param { float param[]; };
 layout(set = 0, binding = 1) readonly buffer VParam { float v_param[]; };
 layout(set = 0, binding = 2) buffer ExpAvg { float exp_avg[]; };
@@ -19,5 +20,5 @@ void main() {
     float second = p.beta2 * exp_avg_sq[i] + (1.0 - p.beta2) * v * v;
     exp_avg[i] = first;
     exp_avg_sq[i] = second;
-    param[i] -= p.lr * (first / p.bias1) / (sqrt(second / p.bias2) + p.eps);
+    param[i] = p.keep * param[i] - p.lr * (first / p.bias1) / (sqrt(second / p.bias2) + p.eps);
 }

@@ -15,11 +15,13 @@ pub struct AdamConfig {
     pub beta2: f32,
     /// Added to the root of the second moment.
     pub eps: f32,
+    /// Factor on the parameter before the step: 1 − decay.
+    pub keep: f32,
 }
 
 impl Default for AdamConfig {
     fn default() -> Self {
-        Self { lr: 1e-3, beta1: 0.9, beta2: 0.999, eps: 1e-8 }
+        Self { lr: 1e-3, beta1: 0.9, beta2: 0.999, eps: 1e-8, keep: 1.0 }
     }
 }
 
@@ -52,7 +54,7 @@ impl AdamState {
 ///
 /// # Shapes
 /// in `v_param` [n] · in/out `param` [n] (=) · `state` moments [n] (=)
-/// # Equation: Adam, Kingma & Ba 2015, Algorithm 1, with bias correction
+/// # Equation: Adam, Kingma & Ba 2015, Algorithm 1; decoupled decay of Loshchilov & Hutter 2019, Algorithm 2
 /// # Errors: [`KernelError::Shape`] before anything is recorded
 /// # Determinism: bitwise; no atomics
 ///
@@ -88,6 +90,7 @@ pub fn step(
         eps: config.eps,
         bias1: 1.0 - config.beta1.powi(exponent),
         bias2: 1.0 - config.beta2.powi(exponent),
+        keep: config.keep,
     };
     let bind = adam_step::Bind { param, v_param, exp_avg: &mut state.exp_avg, exp_avg_sq: &mut state.exp_avg_sq };
     rec.dispatch(bind, params, Grid::threads(n))

@@ -9,8 +9,8 @@ use crate::support::gpu::{Gpu, device};
 use crate::support::random::Random;
 
 fn twin_config(config: &AdamConfig, t: i32) -> twin::Adam<f32> {
-    let AdamConfig { lr, beta1, beta2, eps } = *config;
-    twin::Adam { lr, beta1, beta2, eps, bias1: 1.0 - beta1.powi(t), bias2: 1.0 - beta2.powi(t) }
+    let AdamConfig { lr, beta1, beta2, eps, keep } = *config;
+    twin::Adam { lr, beta1, beta2, eps, bias1: 1.0 - beta1.powi(t), bias2: 1.0 - beta2.powi(t), keep }
 }
 
 fn run(gpu: &Gpu, record: impl FnOnce(&mut Recorder) -> Result<(), KernelError>) {
@@ -22,7 +22,7 @@ fn run(gpu: &Gpu, record: impl FnOnce(&mut Recorder) -> Result<(), KernelError>)
 #[test]
 fn first_step_moves_each_parameter_by_lr_against_its_gradient() {
     // At t = 1 both bias corrections cancel: the step is lr g / (|g| + eps).
-    let config = twin::Adam { lr: 0.1, beta1: 0.9, beta2: 0.999, eps: 0.0, bias1: 1.0 - 0.9, bias2: 1.0 - 0.999 };
+    let config = twin::Adam { lr: 0.1, beta1: 0.9, beta2: 0.999, eps: 0.0, bias1: 1.0 - 0.9, bias2: 1.0 - 0.999, keep: 1.0 };
     let mut param = [1.0f64, -2.0];
     twin::step(&config, &mut param, &[3.0, -0.5], &mut [0.0; 2], &mut [0.0; 2]);
     assert!((param[0] - 0.9).abs() < 1e-12 && (param[1] + 1.9).abs() < 1e-12, "{param:?}");
@@ -31,7 +31,7 @@ fn first_step_moves_each_parameter_by_lr_against_its_gradient() {
 #[test]
 fn gpu_follows_the_twin_over_ten_steps() {
     let Some(gpu) = device() else { return };
-    let config = AdamConfig { lr: 0.05, ..AdamConfig::default() };
+    let config = AdamConfig { lr: 0.05, keep: 0.98, ..AdamConfig::default() };
     for n in [1, 63, 64, 1000] {
         let mut random = Random(n as u64);
         let mut want = random.vec_f32(n, -1.0, 1.0);

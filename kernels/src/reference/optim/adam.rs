@@ -17,14 +17,17 @@ pub struct Adam<R> {
     pub bias1: R,
     /// 1 − β₂ᵗ
     pub bias2: R,
+    /// 1 − decay
+    pub keep: R,
 }
 
-/// One Adam step: Kingma & Ba 2015, Algorithm 1. All slices `[n]`.
+/// One Adam step: Kingma & Ba 2015, Algorithm 1; decoupled decay of Loshchilov & Hutter 2019, Algorithm 2. All slices `[n]`.
 pub fn step<R: Real>(c: &Adam<R>, param: &mut [R], v_param: &[R], exp_avg: &mut [R], exp_avg_sq: &mut [R]) {
     let one = R::of(1.0);
     for i in 0..param.len() {
         exp_avg[i] = c.beta1 * exp_avg[i] + (one - c.beta1) * v_param[i];
         exp_avg_sq[i] = c.beta2 * exp_avg_sq[i] + (one - c.beta2) * v_param[i] * v_param[i];
-        param[i] -= c.lr * (exp_avg[i] / c.bias1) / ((exp_avg_sq[i] / c.bias2).sqrt() + c.eps);
+        let update = (exp_avg[i] / c.bias1) / ((exp_avg_sq[i] / c.bias2).sqrt() + c.eps);
+        param[i] = c.keep * param[i] - c.lr * update;
     }
 }
