@@ -4,6 +4,8 @@
 
 mod kernels;
 mod media;
+mod render;
+mod scene;
 mod support;
 mod tidy;
 mod watermark;

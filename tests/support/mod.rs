@@ -4,6 +4,7 @@
 pub(crate) mod close;
 pub(crate) mod gpu;
 pub(crate) mod gradcheck;
+pub(crate) mod pth_builder;
 pub(crate) mod random;
 
 use std::path::{Path, PathBuf};

@@ -1,0 +1,70 @@
+//! The canonical splats of a scene, as stored: before any activation.
+
+/// Highest SH degree that a splat can store.
+pub const MAX_SH_DEGREE: u32 = 3;
+
+/// SH bases up to [`MAX_SH_DEGREE`], per colour channel.
+pub const MAX_SH_BASES: usize = sh_bases(MAX_SH_DEGREE);
+
+/// Colour channels of an SH coefficient.
+pub const CHANNELS: usize = 3;
+
+/// Floats of SH per splat in [`Gaussians::sh_coeffs`].
+pub const SH_FLOATS: usize = MAX_SH_BASES * CHANNELS;
+
+/// Number of SH bases up to and including `degree`.
+#[must_use]
+pub const fn sh_bases(degree: u32) -> usize {
+    let rows = degree as usize + 1;
+    rows * rows
+}
+
+/// Splats as a structure of arrays; all values are raw (log scales, logit opacities, any-norm quaternions).
+///
+/// # Shapes
+/// `means` \[N,3\] world units · `quats` \[N,4\] w,x,y,z · `scales` \[N,3\] natural log ·
+/// `opacities` \[N\] logit · `sh_coeffs` \[N,16,3\] coefficient-major, zero above `sh_degree`
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Gaussians {
+    /// Canonical positions.
+    pub means: Vec<[f32; 3]>,
+    /// Rotations w,x,y,z as stored, not normalised.
+    pub quats: Vec<[f32; 4]>,
+    /// Natural logarithms of the standard deviations.
+    pub scales: Vec<[f32; 3]>,
+    /// Logits of the opacities.
+    pub opacities: Vec<f32>,
+    /// SH coefficients, [`SH_FLOATS`] per splat.
+    pub sh_coeffs: Vec<f32>,
+    /// Highest SH degree that the file stores, 0 to 3.
+    pub sh_degree: u32,
+}
+
+impl Gaussians {
+    /// Number of splats N.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.means.len()
+    }
+
+    /// Whether there are no splats.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.means.is_empty()
+    }
+
+    /// Median of the means along each axis: the scene centre that a few stray splats cannot move.
+    ///
+    /// The upper median is taken for an even count; the origin is returned when there are no splats.
+    #[must_use]
+    pub fn median_centre(&self) -> [f32; 3] {
+        std::array::from_fn(|axis| {
+            let mut values: Vec<f32> = self.means.iter().map(|mean| mean[axis]).collect();
+            if values.is_empty() {
+                return 0.0;
+            }
+            let middle = values.len() / 2;
+            *values.select_nth_unstable_by(middle, f32::total_cmp).1
+        })
+    }
+}
