@@ -2,7 +2,7 @@
 
 use guard4d_engine::deform::DeformField;
 use guard4d_engine::render::{Frame, FramePlan, Offsets, Prune, Renderer};
-use guard4d_engine::scene::{Camera, PlyFile};
+use guard4d_engine::scene::{CameraSet, ImageSize, PlyFile};
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_kernels::splat::sh::OffsetBases;
 
@@ -29,22 +29,14 @@ impl Golden {
         let expected = TensorFile::read(&path).expect("the golden file opens");
         let ply = PlyFile::open(&shared("data/static/fruit_drops_minimal.ply")?).expect("the splats open");
         let gaussians = ply.decode().expect("the splats decode");
-        let rows = expected.floats("world_to_camera", &[4, 4]).expect("the view").to_vec();
-        // tan(0.45) halves the 0.9 rad of the golden camera.
-        let focal = WIDTH as f32 / (2.0 * 0.45f32.tan());
-        let camera = Camera {
-            world_to_camera: glam::Mat4::from_cols_slice(&rows).transpose(),
-            fx: focal,
-            fy: focal,
-            cx: (WIDTH as f32 - 1.0) / 2.0,
-            cy: (HEIGHT as f32 - 1.0) / 2.0,
-            width: WIDTH as u32,
-            height: HEIGHT as u32,
-        };
+        let size = ImageSize::new(WIDTH as u32, HEIGHT as u32).expect("an image size");
+        let camera_file = shared("data/golden/raster_fruit/camera.json")?;
+        let cameras = CameraSet::open(&camera_file, size).expect("the camera opens").at_times(&[0.0]);
+        let (_, camera, _) = cameras.entries().next().expect("one camera");
         let mut field = DeformField::new(gpu, &gaussians, None).expect("uploads");
         let mut renderer = Renderer::new(gpu).expect("renderer");
         let state = field.at(0.0).expect("a static scene");
-        let plan = renderer.plan(&state, &camera, prune).expect("plans");
+        let plan = renderer.plan(&state, camera, prune).expect("plans");
         Some(Self { expected, field, renderer, plan })
     }
 
@@ -104,7 +96,10 @@ fn offset_gradient_and_weights_match_the_reference() {
     let mut rec = gpu.recorder().expect("recorder");
     let bright = gpu.buffer_from("offsets", &vec![9.0f32; want.len()]).expect("buffer");
     let input = Offsets { data: &bright, bases: OffsetBases::Dc };
-    golden.renderer.backward(&mut rec, &golden.plan, input, Frame { clip: &ones, index: 0 }, &mut v_offsets).expect("records");
+    golden
+        .renderer
+        .backward(&mut rec, &golden.plan, input, Frame { clip: &ones, index: 0 }, &mut v_offsets)
+        .expect("records");
     rec.submit().expect("runs");
     let rows = v_offsets.read().expect("read");
     let got: Vec<f32> = rows.chunks(48).map(|row| row[0] / 0.282_094_8).collect();
