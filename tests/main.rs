@@ -4,6 +4,7 @@
 
 mod kernels;
 mod media;
+mod render;
 mod scene;
 mod support;
 mod tidy;
