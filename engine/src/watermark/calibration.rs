@@ -1,0 +1,164 @@
+//! Modality calibration: a message-independent affine map from CLIP's image features to its text features.
+//!
+//! Image and text features lie in different cones, and scene content moves image features far more than a
+//! mark does. From unmarked clips and from random offsets (which carry no message) this module finds the
+//! image directions in which offsets move features most in relation to content, and maps them onto the
+//! directions along which the key's bits move text features. Nothing here depends on a message.
+
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use rand_chacha::ChaCha20Rng;
+
+use super::decoder::{DecoderWeights, Linear};
+use super::prf::standard_normal;
+use crate::error::EngineError;
+use crate::tensor_file::{Tensor, TensorFile};
+
+/// Ridge on the content covariance, as a share of its mean eigenvalue: few clips must not look like certainty.
+const RIDGE: f64 = 0.05;
+/// Content's standard deviation along each bit, where ±1 is the text feature of a written bit.
+const CONTENT_LEVEL: f64 = 0.35;
+
+/// The affine map f ↦ mean_text + codesᵀ · directionsᵀ (f − mean_image).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    /// Mean image feature of unmarked clips `[D]`.
+    pub mean_image: Vec<f32>,
+    /// Image directions `[D, L]`, scaled and mixed.
+    pub directions: Vec<f32>,
+}
+
+/// Features that a calibration is fitted to, all of unmarked or randomly perturbed clips.
+#[derive(Debug)]
+pub struct CalibrationData<'a> {
+    /// Features of unmarked frames `[n, D]`.
+    pub content: &'a [f32],
+    /// Mean feature change that each random offset field causes `[k, D]`.
+    pub responses: &'a [f32],
+    /// `D`
+    pub width: usize,
+    /// `L`
+    pub bits: usize,
+}
+
+impl Calibration {
+    /// Fits the directions.
+    ///
+    /// # Equation
+    /// The L leading solutions v of Σ_response v = λ (Σ_content + ridge) v (Fisher 1936, discriminants), scaled to
+    /// equal response, mixed by a keyed rotation so that all bits are equally hard, and scaled as a whole so
+    /// that content stays at a fixed level.
+    ///
+    /// # Errors
+    /// [`EngineError::NotFinite`] when features are not finite or too few to fit.
+    pub fn fit(data: &CalibrationData<'_>, rng: &mut ChaCha20Rng) -> Result<Self, EngineError> {
+        let CalibrationData { width, bits, .. } = *data;
+        let content = rows(data.content, width);
+        let mean = content.row_mean();
+        let centred = DMatrix::from_fn(content.nrows(), width, |i, j| content[(i, j)] - mean[j]);
+        let mut noise = centred.tr_mul(&centred) / content.nrows().max(1) as f64;
+        let ridge = RIDGE * noise.trace() / width as f64;
+        for i in 0..width {
+            noise[(i, i)] += ridge;
+        }
+        let responses = rows(data.responses, width);
+        let not_finite = |what: &str| EngineError::NotFinite { what: what.to_owned(), got: "NaN or zero".to_owned() };
+        let cholesky = noise.cholesky().ok_or_else(|| not_finite("image features of the unmarked clips"))?;
+        // With the content whitened (w = L⁻¹ r), the problem is the responses' own Gram matrix.
+        let whitened = cholesky.l().solve_lower_triangular(&responses.transpose()).ok_or_else(|| not_finite("content"))?;
+        let gram = whitened.tr_mul(&whitened) / responses.nrows().max(1) as f64;
+        let eigen = SymmetricEigen::new(gram);
+        let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
+        order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+        let weakest = order.get(bits - 1).map_or(0.0, |&i| eigen.eigenvalues[i]);
+        if !(weakest > 0.0) {
+            return Err(not_finite("response of the image features to offsets"));
+        }
+        let mut directions = DMatrix::zeros(width, bits);
+        for (column, &index) in order[..bits].iter().enumerate() {
+            let in_span: DVector<f64> = &whitened * eigen.eigenvectors.column(index);
+            let in_span = in_span.normalize() / eigen.eigenvalues[index].sqrt();
+            let direction = cholesky.l().tr_solve_lower_triangular(&in_span).ok_or_else(|| not_finite("content"))?;
+            directions.set_column(column, &direction);
+        }
+        let mixed = directions * random_rotation(bits, rng);
+        let projected = &centred * &mixed;
+        let level = (projected.norm_squared() / projected.len().max(1) as f64).sqrt();
+        let scaled = mixed * (CONTENT_LEVEL / level);
+        if scaled.iter().any(|v| !v.is_finite()) {
+            return Err(not_finite("calibrated directions"));
+        }
+        Ok(Self { mean_image: mean.iter().map(|v| single(*v)).collect(), directions: row_major(&scaled) })
+    }
+
+    /// The decoder with this map folded into its first layer, so that it reads image features directly.
+    #[must_use]
+    pub fn fold(&self, decoder: &DecoderWeights, codes: &[f32], text_mean: &[f32]) -> DecoderWeights {
+        let (width, bits) = (decoder.width(), decoder.bits());
+        let first = &decoder.layers[0];
+        let weight = rows(&first.weight, width);
+        let map = rows(&self.directions, bits) * rows(codes, width); // [D image, D text]
+        let folded = &weight * map.transpose();
+        let mean_image = DVector::from_iterator(width, self.mean_image.iter().map(|v| f64::from(*v)));
+        let text_mean = DVector::from_iterator(width, text_mean.iter().map(|v| f64::from(*v)));
+        let shift = &weight * text_mean - &folded * mean_image;
+        let bias = first.bias.iter().zip(shift.iter()).map(|(b, s)| single(f64::from(*b) + s)).collect();
+        let mut layers = decoder.layers.clone();
+        layers[0] = Linear { weight: row_major(&folded), bias, ..first.clone() };
+        DecoderWeights { layers }
+    }
+
+    /// Adds the tensors `calibration.mean_image` and `calibration.directions` to a file.
+    pub fn store(&self, file: &mut TensorFile, bits: usize) {
+        let width = self.mean_image.len();
+        file.tensors.insert("calibration.mean_image".to_owned(), Tensor::f32(&[width], self.mean_image.clone()));
+        let directions = Tensor::f32(&[width, bits], self.directions.clone());
+        file.tensors.insert("calibration.directions".to_owned(), directions);
+    }
+
+    /// Reads what [`Calibration::store`] wrote.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] naming the tensor.
+    pub fn load(file: &TensorFile, width: usize, bits: usize) -> Result<Self, EngineError> {
+        Ok(Self {
+            mean_image: file.floats("calibration.mean_image", &[width])?.to_vec(),
+            directions: file.floats("calibration.directions", &[width, bits])?.to_vec(),
+        })
+    }
+}
+
+/// Half the mean change of the text feature when a bit flips from 0 to 1 `[L, D]`.
+///
+/// # Shapes
+/// in `features` [n, D] · `signs` [n, L], ±1 · `mean` [D]
+#[must_use]
+pub fn bit_codes(features: &[f32], signs: &[f32], mean: &[f32], bits: usize) -> Vec<f32> {
+    let width = mean.len();
+    let centred = DMatrix::from_fn(features.len() / width, width, |i, j| f64::from(features[i * width + j] - mean[j]));
+    row_major(&(rows(signs, bits).tr_mul(&centred) / centred.nrows().max(1) as f64))
+}
+
+/// A uniformly distributed rotation (QR of a Gaussian matrix, with the signs of R's diagonal).
+fn random_rotation(n: usize, rng: &mut ChaCha20Rng) -> DMatrix<f64> {
+    let gaussian = DMatrix::from_fn(n, n, |_, _| standard_normal(rng));
+    let (mut q, r) = gaussian.qr().unpack();
+    for j in 0..n {
+        if r[(j, j)] < 0.0 {
+            q.column_mut(j).neg_mut();
+        }
+    }
+    q
+}
+
+fn rows(values: &[f32], width: usize) -> DMatrix<f64> {
+    DMatrix::from_fn(values.len() / width, width, |i, j| f64::from(values[i * width + j]))
+}
+
+fn row_major(matrix: &DMatrix<f64>) -> Vec<f32> {
+    matrix.transpose().iter().map(|v| single(*v)).collect()
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "single precision is what the device takes")]
+fn single(value: f64) -> f32 {
+    value as f32
+}
