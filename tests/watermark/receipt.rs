@@ -133,7 +133,7 @@ fn foreign_fields_versions_and_ruins_are_refused() {
         assert_eq!(error.exit_code(), 65, "{error}");
         error.to_string()
     };
-    assert!(refuse(text.replacen("\"seconds\"", "\"sceonds\"", 1).as_bytes()).contains("sceonds"), "unknown field");
+    assert!(refuse(text.replacen("\"seconds\"", "\"minutes\"", 1).as_bytes()).contains("minutes"), "unknown field");
     assert!(refuse(text.replace("receipt/1", "receipt/2").as_bytes()).contains("receipt/2"), "unknown version");
     refuse(text.replacen("\"body\":", "\"extra\":1,\"body\":", 1).as_bytes());
     refuse(&text.as_bytes()[..text.len() / 2]);
