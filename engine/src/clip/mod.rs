@@ -48,6 +48,14 @@ pub struct Clip {
     hash: blake3::Hash,
 }
 
+impl<'a> ClipSource<'a> {
+    /// `mini`, or a folder.
+    #[must_use]
+    pub fn from_argument(text: &str) -> Self {
+        if text == "mini" { Self::Mini } else { Self::Dir(PathBuf::from(text)) }
+    }
+}
+
 impl Clip {
     /// Reads a checkpoint and checks its keys and shapes against its configuration.
     ///
@@ -89,6 +97,12 @@ impl Clip {
     #[must_use]
     pub fn hash(&self) -> blake3::Hash {
         self.hash
+    }
+
+    /// File that the weights came from, for messages.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        self.weights.path()
     }
 
     /// Puts the image tower on the device.

@@ -61,7 +61,7 @@ impl Calibration {
             noise[(i, i)] += ridge;
         }
         let responses = rows(data.responses, width);
-        let not_finite = |what: &str| EngineError::NotFinite { what: what.to_owned(), got: "NaN or zero".to_owned() };
+        let not_finite = |what: &str| EngineError::NotFinite { what: what.to_owned(), got: f64::NAN };
         let cholesky = noise.cholesky().ok_or_else(|| not_finite("image features of the unmarked clips"))?;
         // With the content whitened (w = L⁻¹ r), the problem is the responses' own Gram matrix.
         let whitened = cholesky.l().solve_lower_triangular(&responses.transpose()).ok_or_else(|| not_finite("content"))?;

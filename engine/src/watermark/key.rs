@@ -4,16 +4,17 @@ use std::path::{Path, PathBuf};
 
 use guard4d_kernels::Device;
 
+use super::calibration::bit_codes;
 use super::capacity::{self, Spectrum};
 use super::decoder::DecoderWeights;
 use super::decoder_training::{DecoderTraining, Trainer};
 use super::digest::Digest;
 use super::message::Message;
 use super::prf::{MasterSecret, Prf, Purpose};
-use super::tokens::TokenTable;
+use super::tokens::{TokenTable, Vocabulary};
 use crate::clip::Clip;
 use crate::error::EngineError;
-use crate::output::AtomicFile;
+use crate::output::{AtomicFile, Existing};
 use crate::tensor_file::{Tensor, TensorFile};
 
 /// `format` entry of a key file.
@@ -33,6 +34,8 @@ pub struct Key {
     pub decoder: DecoderWeights,
     /// Mean text feature of random messages `[width]`, towards which image features are moved.
     pub text_mean: Vec<f32>,
+    /// Half the change of the text feature when a bit flips `[bits, width]`.
+    pub codes: Vec<f32>,
     /// Checkpoint it was made with.
     pub clip: Digest,
 }
@@ -78,11 +81,14 @@ impl Key {
             });
         }
         let prf = Prf::new(&secret);
-        let table = TokenTable::derive(&prf, clip.vocabulary(), bits)?;
+        let table = TokenTable::derive(&prf, vocabulary(clip), bits)?;
         let messages = draw_messages(&prf, bits)?;
-        let sequences = messages.iter().map(|m| table.sequence(m)).collect::<Result<Vec<_>, _>>()?;
-        let features = clip.text_embeds(&sequences)?;
-        let width = clip.embed_width();
+        let mut sequences = Vec::new();
+        for message in &messages {
+            sequences.extend(table.sequence(message)?);
+        }
+        let features = clip.text()?.embed(&sequences, bits as usize + 2)?.features;
+        let width = clip.config().projection_dim;
         let (train, held_out) = features.split_at(TRAINING_MESSAGES * width);
         let text_mean = capacity::mean_row(train, width);
         let spectrum = capacity::spectrum(train, width, &text_mean);
@@ -90,6 +96,8 @@ impl Key {
 
         let targets: Vec<f32> =
             messages[..TRAINING_MESSAGES].iter().flat_map(Message::bits).map(|b| f32::from(u8::from(b))).collect();
+        let signs: Vec<f32> = targets.iter().map(|t| 2.0 * t - 1.0).collect();
+        let codes = bit_codes(train, &signs, &text_mean, bits as usize);
         let features = device.buffer_from("key.features", train)?;
         let targets = device.buffer_from("key.targets", &targets)?;
         let mut init = prf.stream(Purpose::DecoderInit, 0);
@@ -108,7 +116,7 @@ impl Key {
             held_out_exact: reading.exact,
             seconds: started.elapsed().as_secs_f64(),
         };
-        Ok((Self { secret, table, decoder, text_mean, clip: clip.digest() }, report))
+        Ok((Self { secret, table, decoder, text_mean, codes, clip: digest_of(clip) }, report))
     }
 
     /// The key's pseudo-random function.
@@ -139,14 +147,14 @@ impl Key {
     /// # Errors
     /// [`EngineError::BadData`] naming both hashes.
     pub fn check_clip(&self, path: &Path, clip: &Clip) -> Result<(), EngineError> {
-        if self.clip == clip.digest() {
+        if self.clip == digest_of(clip) {
             return Ok(());
         }
         Err(EngineError::BadData {
             path: path.to_owned(),
             field: "clip".to_owned(),
             got: format!("a key made with checkpoint {}", self.clip),
-            expected: format!("one made with checkpoint {} ({})", clip.digest(), clip.path().display()),
+            expected: format!("one made with checkpoint {} ({})", digest_of(clip), clip.path().display()),
         })
     }
 
@@ -154,7 +162,7 @@ impl Key {
     ///
     /// # Errors
     /// [`EngineError::CannotCreate`] or [`EngineError::Io`] naming the file.
-    pub fn write(&self, path: &Path, overwrite: bool) -> Result<(), EngineError> {
+    pub fn write(&self, path: &Path, existing: Existing) -> Result<(), EngineError> {
         let mut file = TensorFile { path: path.to_owned(), ..TensorFile::default() };
         let bits = self.bits();
         file.meta.insert("format".to_owned(), FORMAT.to_owned());
@@ -164,8 +172,9 @@ impl Key {
         let ids = self.table.ids().as_flattened().to_vec();
         file.tensors.insert("token_table".to_owned(), Tensor::u32(&[bits, 2], ids));
         file.tensors.insert("text_mean".to_owned(), Tensor::f32(&[self.text_mean.len()], self.text_mean.clone()));
+        file.tensors.insert("codes".to_owned(), Tensor::f32(&[bits, self.text_mean.len()], self.codes.clone()));
         self.decoder.store(&mut file);
-        AtomicFile::write(path, &file.to_bytes()?, overwrite)
+        AtomicFile::write(path, existing, &file.to_bytes()?)
     }
 
     /// Reads a key file made for `clip`, and checks that its table follows from its secret.
@@ -192,10 +201,12 @@ impl Key {
         let clip_text = file.text("clip")?;
         let clip_digest = Digest::from_hex(clip_text).ok_or_else(|| bad("clip", clip_text, "a hash of 64 digits"))?;
         let secret = MasterSecret::from_bytes(secret);
+        let width = clip.config().projection_dim;
         let key = Self {
-            table: TokenTable::derive(&Prf::new(&secret), clip.vocabulary(), bits)?,
-            text_mean: file.floats("text_mean", &[clip.embed_width()])?.to_vec(),
-            decoder: DecoderWeights::load(&file, clip.embed_width(), bits as usize)?,
+            table: TokenTable::derive(&Prf::new(&secret), vocabulary(clip), bits)?,
+            text_mean: file.floats("text_mean", &[width])?.to_vec(),
+            codes: file.floats("codes", &[bits as usize, width])?.to_vec(),
+            decoder: DecoderWeights::load(&file, width, bits as usize)?,
             clip: clip_digest,
             secret,
         };
@@ -205,6 +216,18 @@ impl Key {
         }
         Ok(key)
     }
+}
+
+/// A checkpoint's hash as receipts and keys write it.
+#[must_use]
+pub fn digest_of(clip: &Clip) -> Digest {
+    Digest::from_bytes(*clip.hash().as_bytes())
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "token ids are 32-bit")]
+fn vocabulary(clip: &Clip) -> Vocabulary {
+    let text = &clip.config().text_config;
+    Vocabulary { size: text.vocab_size as u32, context: text.max_position_embeddings as u32 }
 }
 
 /// Training messages, then held-out ones; no message is in both parts.

@@ -1,10 +1,13 @@
 //! The owner's message: secrets, tokens, embedding, evidence and receipts.
 
+pub mod calibration;
 pub mod capacity;
 pub mod decoder;
 mod decoder_training;
 pub mod digest;
 pub mod evidence;
+pub mod extractor;
+pub mod key;
 pub mod message;
 pub mod metrics;
 pub mod null_panel;
@@ -12,4 +15,5 @@ pub mod prf;
 pub mod reading;
 pub mod receipt;
 pub mod statistics;
+pub mod tmsd;
 pub mod tokens;

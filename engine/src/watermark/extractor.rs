@@ -1,0 +1,325 @@
+//! The private extractor: clip → R (TMSD) → CLIP image tower → calibration → decoder → logits.
+
+use std::path::Path;
+
+use guard4d_kernels::image::normalize::{self, Normalization};
+use guard4d_kernels::image::resize::{self, ImageSize, ResizePlan};
+use guard4d_kernels::shape::{Accumulate, ClipShape};
+use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
+
+use super::calibration::Calibration;
+use super::decoder::{Decoder, DecoderPass};
+use super::digest::Digest;
+use super::evidence::ExtractorMode;
+use super::key::{Key, digest_of};
+use super::tmsd::{Tmsd, TmsdPass, TmsdWeights};
+use crate::clip::{Clip, Purpose, VisionTower, VisionWorkspace};
+use crate::error::EngineError;
+use crate::media::Frame;
+use crate::output::{AtomicFile, Existing};
+use crate::tensor_file::TensorFile;
+
+/// `format` entry of an extractor file.
+const FORMAT: &str = "guard4d.extractor/1";
+/// Frames that the extractor sees at once (Guard4D Sec. 4: clips of eight frames).
+pub const CLIP_FRAMES: usize = 8;
+/// Channel statistics of OpenAI's CLIP (Radford et al. 2021); GuardSplat normalises with the same.
+const NORMALIZATION: Normalization = Normalization {
+    mean: [0.481_454_66, 0.457_827_5, 0.408_210_73],
+    std: [0.268_629_54, 0.261_302_58, 0.275_777_11],
+};
+/// What happens to a frame before R, for receipts.
+pub const PREPROCESS: &str = "resize: bilinear, antialiased, align_corners; squashed to CLIP's size; rgb in [0, 1]";
+
+/// The parts of an extractor that belong to one asset; private.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExtractorWeights {
+    /// How R was made.
+    pub mode: ExtractorMode,
+    /// R; `None` is the identity.
+    pub tmsd: Option<TmsdWeights>,
+    /// Map between image and text features.
+    pub calibration: Calibration,
+}
+
+impl ExtractorWeights {
+    fn file(&self, key: &Key) -> TensorFile {
+        let mut file = TensorFile::default();
+        let mode = serde_json::to_value(self.mode).ok().and_then(|v| v.as_str().map(str::to_owned));
+        file.meta.insert("format".to_owned(), FORMAT.to_owned());
+        file.meta.insert("mode".to_owned(), mode.expect("modes serialise as words"));
+        file.meta.insert("key_id".to_owned(), key.prf().key_id().to_string());
+        file.meta.insert("clip".to_owned(), key.clip.to_string());
+        self.calibration.store(&mut file, key.bits());
+        if let Some(tmsd) = &self.tmsd {
+            tmsd.store(&mut file);
+        }
+        file
+    }
+
+    /// Hash of the file that [`ExtractorWeights::write`] writes.
+    ///
+    /// # Errors
+    /// When a tensor's shape does not fit its values.
+    pub fn digest(&self, key: &Key) -> Result<Digest, EngineError> {
+        Ok(Digest::of(&self.file(key).to_bytes()?))
+    }
+
+    /// Writes the extractor, whole or not at all.
+    ///
+    /// # Errors
+    /// [`EngineError::CannotCreate`] or [`EngineError::Io`] naming the file.
+    pub fn write(&self, path: &Path, key: &Key, existing: Existing) -> Result<(), EngineError> {
+        AtomicFile::write(path, existing, &self.file(key).to_bytes()?)
+    }
+
+    /// Reads an extractor that belongs to `key`.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] naming what does not fit.
+    pub fn read(path: &Path, key: &Key) -> Result<Self, EngineError> {
+        let file = TensorFile::read(path)?;
+        let expect = |field: &str, expected: &str| {
+            let got = file.text(field)?;
+            if got == expected {
+                return Ok(());
+            }
+            Err(EngineError::BadData {
+                path: path.to_owned(),
+                field: field.to_owned(),
+                got: got.to_owned(),
+                expected: expected.to_owned(),
+            })
+        };
+        expect("format", FORMAT)?;
+        expect("key_id", &key.prf().key_id().to_string())?;
+        expect("clip", &key.clip.to_string())?;
+        let word = file.text("mode")?;
+        let mode = serde_json::from_value(word.into()).map_err(|e| EngineError::BadData {
+            path: path.to_owned(),
+            field: "mode".to_owned(),
+            got: e.to_string(),
+            expected: "none, blind, general or joint".to_owned(),
+        })?;
+        Ok(Self {
+            mode,
+            tmsd: TmsdWeights::load(&file)?,
+            calibration: Calibration::load(&file, key.text_mean.len(), key.bits())?,
+        })
+    }
+}
+
+/// R and the image tower for `branches` clips of [`CLIP_FRAMES`] frames at once.
+#[derive(Debug)]
+pub struct FeatureExtractor {
+    tower: VisionTower,
+    tmsd: Option<Tmsd>,
+    passes: Vec<TmsdPass>,
+    branches: usize,
+    clip_len: usize,
+    /// R's output of all branches `[B·F,S,S,4]`.
+    stacked: Buffer<f32>,
+    pixels: Buffer<f32>,
+    v_stacked: Buffer<f32>,
+    workspace: VisionWorkspace,
+    /// dL/dx of the first branch `[F,S,S,4]`.
+    pub v_x: Buffer<f32>,
+}
+
+impl FeatureExtractor {
+    /// Towers and buffers.
+    ///
+    /// # Errors
+    /// When memory runs out.
+    pub fn new(
+        device: &Device,
+        clip: &Clip,
+        tmsd: Option<&TmsdWeights>,
+        branches: usize,
+        purpose: Purpose,
+    ) -> Result<Self, EngineError> {
+        let tower = clip.vision(purpose)?;
+        let side = tower.image_size();
+        let shape = ClipShape { frames: CLIP_FRAMES, height: side, width: side };
+        let tmsd = tmsd.map(|w| Tmsd::new(device, w, shape)).transpose()?;
+        let passes = match &tmsd {
+            Some(t) => (0..branches).map(|_| t.pass(device)).collect::<Result<_, _>>()?,
+            None => Vec::new(),
+        };
+        let clip_len = shape.pixels() * 4;
+        let all = |name: &str| device.buffer(&format!("extractor.{name}"), branches * clip_len);
+        Ok(Self {
+            workspace: tower.workspace(branches * CLIP_FRAMES)?,
+            stacked: all("stacked")?,
+            pixels: all("pixels")?,
+            v_stacked: all("v_stacked")?,
+            v_x: device.buffer("extractor.v_x", clip_len)?,
+            tower,
+            tmsd,
+            passes,
+            branches,
+            clip_len,
+        })
+    }
+
+    /// Side of the square that clips are resized to.
+    #[must_use]
+    pub fn side(&self) -> usize {
+        self.tower.image_size()
+    }
+
+    /// Floats of a resized clip.
+    #[must_use]
+    pub fn clip_len(&self) -> usize {
+        self.clip_len
+    }
+
+    /// R, when there is one.
+    pub fn tmsd(&mut self) -> Option<&mut Tmsd> {
+        self.tmsd.as_mut()
+    }
+
+    /// Features of unit length `[B·F, D]`, as [`FeatureExtractor::forward`] left them.
+    #[must_use]
+    pub fn features(&self) -> &Buffer<f32> {
+        &self.workspace.features
+    }
+
+    /// Features of one resized clip per branch.
+    ///
+    /// # Shapes
+    /// in `clips` B × [F,S,S,4] in [0, 1], fourth channel 0 · out [`FeatureExtractor::features`] (=)
+    /// # Equation: Guard4D Eq. 8
+    ///
+    /// # Errors
+    /// [`KernelError::Shape`] before anything is recorded.
+    pub fn forward(&mut self, rec: &mut Recorder, clips: &[&Buffer<f32>]) -> Result<(), KernelError> {
+        let len = self.clip_len;
+        for (i, clip) in clips.iter().enumerate().take(self.branches) {
+            match &self.tmsd {
+                Some(tmsd) => {
+                    tmsd.forward(rec, clip, &mut self.passes[i])?;
+                    rec.copy(&self.passes[i].out, 0, &mut self.stacked, i * len, len)?;
+                }
+                None => rec.copy(clip, 0, &mut self.stacked, i * len, len)?,
+            }
+        }
+        normalize::forward(rec, &NORMALIZATION, &self.stacked, &mut self.pixels)?;
+        self.tower.forward(rec, &self.pixels, &mut self.workspace)
+    }
+
+    /// Gradient to the first branch's clip, in `self.v_x`; with `train` also to R's weights, over all branches.
+    ///
+    /// # Errors
+    /// [`KernelError::Shape`] before anything is recorded.
+    pub fn backward(
+        &mut self,
+        rec: &mut Recorder,
+        v_features: &Buffer<f32>,
+        train: Training,
+    ) -> Result<(), KernelError> {
+        let len = self.clip_len;
+        self.tower.backward(rec, v_features, &mut self.workspace, &mut self.pixels)?;
+        normalize::backward(rec, &NORMALIZATION, &self.pixels, &mut self.v_stacked)?;
+        let Some(tmsd) = &mut self.tmsd else { return rec.copy(&self.v_stacked, 0, &mut self.v_x, 0, len) };
+        for (i, pass) in self.passes.iter_mut().enumerate() {
+            let weights = match train {
+                Training::Frozen if i > 0 => continue,
+                Training::Frozen => None,
+                Training::Tmsd if i == 0 => Some(Accumulate::Overwrite),
+                Training::Tmsd => Some(Accumulate::Add),
+            };
+            rec.copy(&self.v_stacked, i * len, &mut pass.v_out, 0, len)?;
+            tmsd.backward(rec, pass, weights)?;
+        }
+        rec.copy(&self.passes[0].v_x, 0, &mut self.v_x, 0, len)
+    }
+}
+
+/// Whether R's weights get gradients.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Training {
+    /// R is frozen or absent.
+    Frozen,
+    /// R is trained.
+    Tmsd,
+}
+
+/// A ready extractor that reads 8-bit frames.
+#[derive(Debug)]
+pub struct Reader {
+    device: Device,
+    features: FeatureExtractor,
+    decoder: Decoder,
+    pass: DecoderPass,
+    resized: Buffer<f32>,
+    bits: usize,
+}
+
+impl Reader {
+    /// Puts an extractor on the device.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] when key and checkpoint do not belong together; when memory runs out.
+    pub fn new(device: &Device, clip: &Clip, key: &Key, weights: &ExtractorWeights) -> Result<Self, EngineError> {
+        if key.clip != digest_of(clip) {
+            return Err(EngineError::Usage {
+                what: "CLIP checkpoint".to_owned(),
+                got: digest_of(clip).to_string(),
+                expected: format!("{}, which the key was made with", key.clip),
+            });
+        }
+        let features = FeatureExtractor::new(device, clip, weights.tmsd.as_ref(), 1, Purpose::Features)?;
+        let decoder = Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;
+        Ok(Self {
+            pass: decoder.pass(device, CLIP_FRAMES)?,
+            resized: device.buffer("reader.resized", features.clip_len())?,
+            device: device.clone(),
+            features,
+            decoder,
+            bits: key.bits(),
+        })
+    }
+
+    /// Logits of every frame `[n, L]`, read in clips of [`CLIP_FRAMES`]; a last, shorter clip repeats its last
+    /// frame, and the repetitions are not counted.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] without a frame or with frames of different sizes; when the device fails.
+    pub fn logits(&mut self, frames: &[Frame]) -> Result<Vec<f32>, EngineError> {
+        let Some(first) = frames.first() else {
+            return Err(EngineError::Usage {
+                what: "clip".to_owned(),
+                got: "no frame".to_owned(),
+                expected: "at least one frame".to_owned(),
+            });
+        };
+        let size = ImageSize { height: first.height() as usize, width: first.width() as usize };
+        let side = self.features.side();
+        let plan = ResizePlan::new(&self.device, size, ImageSize { height: side, width: side })?;
+        let mut scratch = plan.scratch(&self.device, CLIP_FRAMES)?;
+        let mut full = self.device.buffer::<f32>("reader.clip", CLIP_FRAMES * size.height * size.width * 4)?;
+        let mut logits = Vec::with_capacity(frames.len() * self.bits);
+        for chunk in frames.chunks(CLIP_FRAMES) {
+            for i in 0..CLIP_FRAMES {
+                let frame = &chunk[i.min(chunk.len() - 1)];
+                if (frame.height() as usize, frame.width() as usize) != (size.height, size.width) {
+                    return Err(EngineError::Usage {
+                        what: "clip".to_owned(),
+                        got: format!("a frame of {} x {} px", frame.width(), frame.height()),
+                        expected: format!("{} x {} px like the first", size.width, size.height),
+                    });
+                }
+                full.write_at(i * size.height * size.width * 4, &frame.to_rgba32f())?;
+            }
+            let mut rec = self.device.recorder()?;
+            resize::forward(&mut rec, &plan, &full, &mut self.resized, &mut scratch)?;
+            self.features.forward(&mut rec, &[&self.resized])?;
+            self.decoder.forward(&mut rec, self.features.features(), &mut self.pass)?;
+            rec.submit()?;
+            let read = self.pass.logits.read_range(0..chunk.len() * self.bits)?;
+            logits.extend_from_slice(&read);
+        }
+        Ok(logits)
+    }
+}
