@@ -1,7 +1,11 @@
 //! Scenes, rendering, CLIP, watermark and evidence of guard4d.
 #![forbid(unsafe_code)]
 
+<<<<<<< HEAD
 pub mod deform;
+=======
+pub mod clip;
+>>>>>>> main
 pub mod error;
 pub mod media;
 pub mod output;
