@@ -1,11 +1,8 @@
 //! Scenes, rendering, CLIP, watermark and evidence of guard4d.
 #![forbid(unsafe_code)]
 
-<<<<<<< HEAD
-pub mod deform;
-=======
 pub mod clip;
->>>>>>> main
+pub mod deform;
 pub mod error;
 pub mod media;
 pub mod output;
