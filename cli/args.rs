@@ -147,6 +147,9 @@ pub(crate) struct EmbedArgs {
     /// Owner key
     #[arg(long, required_unless_present = "undo")]
     pub(crate) key: Option<PathBuf>,
+    /// CLIP checkpoint that the key was made with: `mini` or a folder
+    #[arg(long, default_value = "mini")]
+    pub(crate) clip: String,
     /// hex:…, bits:… or random (derived from the key and the model)
     #[arg(long, default_value = "random")]
     pub(crate) message: String,
@@ -192,6 +195,9 @@ pub(crate) struct VerifyArgs {
     /// Owner key
     #[arg(long)]
     pub(crate) key: PathBuf,
+    /// CLIP checkpoint that the key was made with: `mini` or a folder
+    #[arg(long, default_value = "mini")]
+    pub(crate) clip: String,
     /// Receipt of the embedding; its folder holds the extractor
     #[arg(long)]
     pub(crate) receipt: PathBuf,

@@ -1,17 +1,20 @@
 //! Rendering of clips, linear in the colours: plan a view once, then blend and differentiate it often.
 
+mod film;
 mod plan;
 
 use std::sync::Arc;
 
 use guard4d_kernels::splat::project::View;
 use guard4d_kernels::splat::rasterize::{self, BackwardScratch};
-use guard4d_kernels::splat::sh::{self, OffsetBases, ShInputs};
+use guard4d_kernels::splat::sh::{self, ShInputs};
 use guard4d_kernels::splat::tile_bin::TileBinner;
 use guard4d_kernels::{Buffer, Device, Recorder};
 
 pub use guard4d_kernels::splat::rasterize::{Frame, FrameMut};
+pub use guard4d_kernels::splat::sh::OffsetBases;
 pub use guard4d_kernels::splat::tile_bin::Prune;
+pub use film::Film;
 pub use plan::FramePlan;
 
 use crate::deform::SplatState;

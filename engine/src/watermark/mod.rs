@@ -5,6 +5,8 @@ pub mod capacity;
 pub mod decoder;
 mod decoder_training;
 pub mod digest;
+pub mod embed;
+pub mod evaluate;
 pub mod evidence;
 pub mod extractor;
 pub mod key;

@@ -80,7 +80,13 @@ pub enum Purpose {
     PayloadPad,
     /// Extractor's (TMSD) initial weights.
     TmsdInit,
-    /// Views, times and distortions of embedding.
+    /// Views and times of the training clips.
+    Views,
+    /// Random offsets that the calibration is fitted to.
+    Responses,
+    /// Rotation that mixes the calibrated directions.
+    Calibration,
+    /// Order of the clips and strength of the noise in embedding.
     Embedding,
     /// Noise of the control branches.
     ControlNoise,
@@ -101,6 +107,9 @@ impl Purpose {
             Self::Message => "message",
             Self::PayloadPad => "payload-pad",
             Self::TmsdInit => "tmsd-init",
+            Self::Views => "views",
+            Self::Responses => "responses",
+            Self::Calibration => "calibration",
             Self::Embedding => "embedding",
             Self::ControlNoise => "control-noise",
             Self::NullMessages => "null-messages",

@@ -1,0 +1,110 @@
+//! Stopping an embedding and going on later, to the same bytes.
+
+use std::path::Path;
+
+use guard4d_kernels::optim::adam::AdamState;
+use guard4d_kernels::{Buffer, KernelError};
+
+use super::Embedding;
+use crate::error::EngineError;
+use crate::output::{AtomicFile, Existing};
+use crate::tensor_file::{Tensor, TensorFile};
+
+/// `format` entry of a checkpoint.
+const FORMAT: &str = "guard4d.checkpoint/1";
+
+impl Embedding<'_> {
+    /// What a checkpoint must agree with: settings, key, message and the unmarked coefficients.
+    fn identity(&self) -> String {
+        let settings = serde_json::to_string(&self.config).expect("numbers and words are valid JSON");
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(settings.as_bytes());
+        hasher.update(self.subject.key.prf().key_id().to_string().as_bytes());
+        hasher.update(self.subject.message.commitment(&self.subject.key.prf()).to_string().as_bytes());
+        hasher.update(bytemuck::cast_slice(&self.subject.model.gaussians.sh_coeffs));
+        hasher.finalize().to_string()
+    }
+
+    /// Writes everything that the next step depends on.
+    ///
+    /// # Errors
+    /// [`EngineError::Io`] naming the file; when reading from the device fails.
+    pub fn save(&mut self, path: &Path) -> Result<(), EngineError> {
+        let mut file = TensorFile { path: path.to_owned(), ..TensorFile::default() };
+        file.meta.insert("format".to_owned(), FORMAT.to_owned());
+        file.meta.insert("identity".to_owned(), self.identity());
+        file.meta.insert("step".to_owned(), self.step.to_string());
+        let held = vec![self.mean_mse.unwrap_or(f32::NAN), self.keep];
+        file.tensors.insert("held".to_owned(), Tensor::f32(&[2], held));
+        store(&mut file, "offsets", &self.stage.offsets, &self.stage.offsets_state)?;
+        if let Some(tmsd) = self.critic.features.tmsd() {
+            for (name, weight, state) in tmsd.states() {
+                store(&mut file, &name, weight, state)?;
+            }
+        }
+        AtomicFile::write(path, Existing::Replace, &file.to_bytes()?)
+    }
+
+    /// Takes up the state of a checkpoint of the same embedding.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] when it belongs to another embedding or is damaged.
+    pub fn restore(&mut self, path: &Path) -> Result<(), EngineError> {
+        let file = TensorFile::read(path)?;
+        let bad = |field: &str, got: &str, expected: &str| EngineError::BadData {
+            path: path.to_owned(),
+            field: field.to_owned(),
+            got: got.to_owned(),
+            expected: expected.to_owned(),
+        };
+        if file.text("format")? != FORMAT {
+            return Err(bad("format", file.text("format")?, FORMAT));
+        }
+        if file.text("identity")? != self.identity() {
+            return Err(bad("identity", "another embedding", "the same model, key, message and settings"));
+        }
+        let step = file.text("step")?;
+        let step: usize = step.parse().map_err(|_| bad("step", step, "a number"))?;
+        let held = file.floats("held", &[2])?;
+        let (mean_mse, keep) = ((!held[0].is_nan()).then_some(held[0]), held[1]);
+        load(&file, "offsets", &mut self.stage.offsets, &mut self.stage.offsets_state, step)?;
+        if let Some(tmsd) = self.critic.features.tmsd() {
+            for (name, weight, state) in tmsd.states() {
+                load(&file, &name, weight, state, step)?;
+            }
+        }
+        (self.step, self.mean_mse, self.keep) = (step, mean_mse, keep);
+        Ok(())
+    }
+}
+
+fn store(file: &mut TensorFile, name: &str, param: &Buffer<f32>, state: &AdamState) -> Result<(), KernelError> {
+    for (part, buffer) in [("param", param), ("exp_avg", &state.exp_avg), ("exp_avg_sq", &state.exp_avg_sq)] {
+        file.tensors.insert(format!("{name}.{part}"), Tensor::f32(&[buffer.len()], buffer.read()?));
+    }
+    file.meta.insert(format!("{name}.steps"), state.steps.to_string());
+    Ok(())
+}
+
+fn load(
+    file: &TensorFile,
+    name: &str,
+    param: &mut Buffer<f32>,
+    state: &mut AdamState,
+    step: usize,
+) -> Result<(), EngineError> {
+    for (part, buffer) in [("param", param), ("exp_avg", &mut state.exp_avg), ("exp_avg_sq", &mut state.exp_avg_sq)] {
+        let values = file.floats(&format!("{name}.{part}"), &[buffer.len()])?;
+        buffer.write(values)?;
+    }
+    let field = format!("{name}.steps");
+    let text = file.text(&field)?;
+    let steps: Option<u32> = text.parse().ok().filter(|s| *s as usize <= step);
+    state.steps = steps.ok_or_else(|| EngineError::BadData {
+        path: file.path.clone(),
+        field,
+        got: text.to_owned(),
+        expected: format!("a number up to {step}"),
+    })?;
+    Ok(())
+}

@@ -1,0 +1,80 @@
+//! Training clips: what of a view and its frames never changes while colours do.
+
+use std::sync::Arc;
+
+use guard4d_kernels::image::clamp01;
+use guard4d_kernels::image::resize::{self, ResizePlan};
+use guard4d_kernels::loss::ssim::{self, SsimReference, SsimScratch};
+use guard4d_kernels::{Buffer, Device};
+
+use crate::deform::DeformField;
+use crate::error::EngineError;
+use crate::render::{FramePlan, Prune, Renderer};
+use crate::scene::Camera;
+
+/// One viewpoint over [`crate::watermark::extractor::CLIP_FRAMES`] times.
+#[derive(Debug)]
+pub(super) struct TrainingClip {
+    pub(super) plans: Vec<Arc<FramePlan>>,
+    /// Unmarked frames `[F,H,W,4]` in [0, 1].
+    pub(super) reference: Buffer<f32>,
+    /// The same at CLIP's size.
+    pub(super) resized: Buffer<f32>,
+    /// Reference moments for SSIM; empty when the reconstruction loss is off.
+    pub(super) similarity: Vec<SsimReference>,
+}
+
+/// What building a clip needs.
+pub(super) struct ClipBuilder<'a> {
+    pub(super) device: &'a Device,
+    pub(super) field: &'a mut DeformField,
+    pub(super) renderer: &'a mut Renderer,
+    pub(super) resize: &'a ResizePlan,
+    pub(super) background: [f32; 3],
+    /// Whether the reconstruction loss will be asked for.
+    pub(super) with_similarity: bool,
+}
+
+impl ClipBuilder<'_> {
+    /// Plans and renders one view.
+    pub(super) fn build(&mut self, camera: &Camera, times: &[f32]) -> Result<TrainingClip, EngineError> {
+        let mut plans = Vec::with_capacity(times.len());
+        for &time in times {
+            let state = self.field.at(time)?;
+            plans.push(Arc::new(self.renderer.plan(&state, camera, Prune::Remove)?));
+        }
+        let frames = times.len();
+        let (from, to) = (self.resize.from, self.resize.to);
+        let full = frames * from.height * from.width * 4;
+        let mut raw = self.device.buffer("clip.raw", full)?;
+        let mut reference = self.device.buffer("clip.reference", full)?;
+        let mut resized = self.device.buffer("clip.resized", frames * to.height * to.width * 4)?;
+        let mut scratch = self.resize.scratch(self.device, frames)?;
+        let mut rec = self.device.recorder()?;
+        self.renderer.forward_clip(&mut rec, &plans, None, self.background, &mut raw)?;
+        clamp01::forward(&mut rec, &raw, &mut reference)?;
+        resize::forward(&mut rec, self.resize, &reference, &mut resized, &mut scratch)?;
+        rec.submit()?;
+        let similarity = if self.with_similarity { self.similarity(&reference, frames)? } else { Vec::new() };
+        Ok(TrainingClip { plans, reference, resized, similarity })
+    }
+
+    fn similarity(&self, reference: &Buffer<f32>, frames: usize) -> Result<Vec<SsimReference>, EngineError> {
+        let size = self.resize.from;
+        let frame_len = size.height * size.width * 4;
+        let mut scratch = SsimScratch::new(self.device, size, 1)?;
+        let mut out = Vec::with_capacity(frames);
+        for i in 0..frames {
+            let mut frame = self.device.buffer("clip.similarity", frame_len)?;
+            let mut rec = self.device.recorder()?;
+            rec.copy(reference, i * frame_len, &mut frame, 0, frame_len)?;
+            rec.submit()?;
+            let mut moments = SsimReference::new(self.device, size, frame)?;
+            let mut rec = self.device.recorder()?;
+            ssim::prepare(&mut rec, &mut moments, &mut scratch)?;
+            rec.submit()?;
+            out.push(moments);
+        }
+        Ok(out)
+    }
+}

@@ -1,0 +1,163 @@
+//! What an embedding is asked to do.
+
+use guard4d_kernels::loss::bce::Objective;
+use serde::Serialize;
+
+use crate::error::EngineError;
+use crate::watermark::evidence::ExtractorMode;
+use crate::watermark::tmsd::TmsdConfig;
+
+/// How much work to spend.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Profile {
+    /// Fast and coarse, for a first look.
+    Draft,
+    /// The default.
+    Balanced,
+}
+
+/// The control loss of `joint` (Guard4D Eq. 10 and its bounded relatives).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Control {
+    /// 1 / (BCE + ε), the paper's.
+    InverseBce {
+        /// ε
+        eps: f32,
+    },
+    /// The same, but it stops at chance.
+    Hinge {
+        /// ε
+        eps: f32,
+    },
+    /// Mean squared logit.
+    Chance,
+}
+
+impl Control {
+    pub(super) fn objective(self) -> Objective {
+        match self {
+            Self::InverseBce { eps } => Objective::InverseBce { eps },
+            Self::Hinge { eps } => Objective::Hinge { eps },
+            Self::Chance => Objective::Chance,
+        }
+    }
+}
+
+/// All numbers of one embedding; written into the receipt.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct EmbedConfig {
+    /// Profile that the numbers come from.
+    pub profile: Profile,
+    /// How R is made.
+    pub mode: ExtractorMode,
+    /// Training steps, one clip each.
+    pub steps: usize,
+    /// Training viewpoints, one clip each.
+    pub views: u32,
+    /// Width and height of training frames in pixels.
+    pub size_px: (u32, u32),
+    /// Elevations of the training views in degrees above the horizon.
+    pub elevation_deg: (f64, f64),
+    /// Distance of the training views from the scene's centre.
+    pub radius: f64,
+    /// Horizontal field of view in degrees.
+    pub fov_deg: f64,
+    /// Seed of views, times and noise.
+    pub seed: u64,
+    /// Fidelity that the offsets are held to at the end, whole frame, dB.
+    pub target_psnr: f32,
+    /// Fidelity at the start; the hold tightens linearly over the first half.
+    pub start_psnr: f32,
+    /// Adam's rate for DC offsets.
+    pub lr_dc: f32,
+    /// Adam's rate for R in `joint`.
+    pub lr_tmsd: f32,
+    /// Share of the rates that is left at the end of the cosine.
+    pub lr_floor: f32,
+    /// Logit beyond which a bit is left alone; 0 takes the paper's BCE instead.
+    pub margin: f32,
+    /// Weight of the reconstruction loss (L1 and SSIM) against the message loss.
+    pub lambda_recon: f32,
+    /// Share of SSIM in the reconstruction loss (GuardSplat: 0.2).
+    pub lambda_ssim: f32,
+    /// Weight of the offset penalty.
+    pub lambda_offset: f32,
+    /// Control loss of `joint`.
+    pub control: Control,
+    /// Weight of each control branch against the message loss.
+    pub lambda_control: f32,
+    /// Standard deviation of the noisy control, log-uniform between these.
+    pub noise_sigma: (f32, f32),
+    /// Size of R in `blind` and `joint`.
+    pub tmsd: TmsdConfig,
+    /// Gain of R along the colour direction that the unmarked asset uses least.
+    pub null_gain: f64,
+    /// Colour level below which a direction counts as unused.
+    pub null_level: f64,
+    /// Random offset fields that the calibration is fitted to.
+    pub responses: usize,
+}
+
+impl EmbedConfig {
+    /// The numbers of a profile.
+    #[must_use]
+    pub fn new(profile: Profile, mode: ExtractorMode) -> Self {
+        let (steps, views, size, responses) = match profile {
+            Profile::Draft => (200, 24, 200, 48),
+            Profile::Balanced => (400, 40, 400, 64),
+        };
+        Self {
+            profile,
+            mode,
+            steps,
+            views,
+            size_px: (size, size),
+            elevation_deg: (5.0, 60.0),
+            radius: 4.0,
+            fov_deg: 39.6,
+            seed: 0,
+            target_psnr: 42.5,
+            start_psnr: 38.0,
+            lr_dc: 0.02,
+            lr_tmsd: 2e-4,
+            lr_floor: 0.05,
+            margin: 4.0,
+            lambda_recon: 0.0,
+            lambda_ssim: 0.2,
+            lambda_offset: 0.0,
+            control: Control::InverseBce { eps: 0.5 },
+            lambda_control: 1.0,
+            noise_sigma: (0.002, 0.05),
+            tmsd: TmsdConfig::default(),
+            null_gain: 12.0,
+            null_level: 0.02,
+            responses,
+        }
+    }
+
+    /// Refuses numbers that no embedding can work with.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] naming the field.
+    pub fn validate(&self) -> Result<(), EngineError> {
+        self.tmsd.validate()?;
+        let checks = [
+            ("steps", self.steps as f64, self.steps > 0),
+            ("views", f64::from(self.views), self.views > 0),
+            ("target PSNR", f64::from(self.target_psnr), (20.0..=80.0).contains(&self.target_psnr)),
+            ("radius", self.radius, self.radius.is_finite() && self.radius > 0.0),
+        ];
+        for (what, got, fine) in checks {
+            if !fine {
+                return Err(EngineError::Usage {
+                    what: what.to_owned(),
+                    got: got.to_string(),
+                    expected: "a sensible positive number (PSNR: 20 to 80 dB)".to_owned(),
+                });
+            }
+        }
+        Ok(())
+    }
+}

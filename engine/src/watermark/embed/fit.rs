@@ -1,0 +1,147 @@
+//! Fitting the message-blind parts of an extractor to the unmarked asset.
+//!
+//! Nothing here sees a message or a marked clip: the inputs are unmarked clips, random offsets, and the key's
+//! public-to-itself geometry (token directions).
+
+use guard4d_kernels::image::clamp01;
+use guard4d_kernels::image::resize;
+use guard4d_kernels::{Buffer, Device};
+use nalgebra::{Matrix3, SymmetricEigen};
+
+use super::clips::TrainingClip;
+use super::config::EmbedConfig;
+use super::step::Stage;
+use crate::clip::{Clip, Purpose};
+use crate::error::EngineError;
+use crate::render::{OffsetBases, Offsets};
+use crate::watermark::calibration::{Calibration, CalibrationData};
+use crate::watermark::evidence::ExtractorMode;
+use crate::watermark::extractor::{CLIP_FRAMES, ExtractorWeights, FeatureExtractor};
+use crate::watermark::key::Key;
+use crate::watermark::prf::{Purpose as Stream, standard_normal, uniform_below};
+use crate::watermark::tmsd::TmsdWeights;
+
+/// Standard deviation of the random DC offsets, in colour: about one 8-bit step times three.
+const RESPONSE_LEVEL: f64 = 0.0125;
+/// SH constant Y₀: colour per unit of DC offset.
+const Y0: f64 = 0.282_094_79;
+/// Clips on which each random field is tried.
+const CLIPS_PER_RESPONSE: usize = 2;
+
+/// R (for `blind` and `joint`) and the calibration for one asset.
+pub(super) fn extractor(
+    device: &Device,
+    clip: &Clip,
+    key: &Key,
+    config: &EmbedConfig,
+    clips: &[TrainingClip],
+    stage: &mut Stage,
+) -> Result<ExtractorWeights, EngineError> {
+    let prf = key.prf();
+    let tmsd = match config.mode {
+        ExtractorMode::None => None,
+        _ => {
+            let map = colour_map(&second_moment(clips)?, config.null_gain, config.null_level);
+            let mut rng = prf.stream(Stream::TmsdInit, config.seed);
+            Some(TmsdWeights::colour_map(config.tmsd, map, &mut rng))
+        }
+    };
+    let mut features = FeatureExtractor::new(device, clip, tmsd.as_ref(), 1, Purpose::Features)?;
+    let content = content_features(device, &mut features, clips)?;
+    let responses = responses(device, &mut features, (config, key), clips, (stage, &content))?;
+    let data = CalibrationData {
+        content: &content.concat(),
+        responses: &responses,
+        width: key.text_mean.len(),
+        bits: key.bits(),
+    };
+    let calibration = Calibration::fit(&data, &mut prf.stream(Stream::Calibration, config.seed))?;
+    Ok(ExtractorWeights { mode: config.mode, tmsd, calibration })
+}
+
+/// E[x xᵀ] over all pixels of the resized unmarked clips.
+fn second_moment(clips: &[TrainingClip]) -> Result<Matrix3<f64>, EngineError> {
+    let (mut sum, mut count) = (Matrix3::zeros(), 0.0);
+    for clip in clips {
+        for texel in clip.resized.read()?.as_chunks::<4>().0 {
+            let x = nalgebra::Vector3::new(f64::from(texel[0]), f64::from(texel[1]), f64::from(texel[2]));
+            sum += x * x.transpose();
+            count += 1.0;
+        }
+    }
+    Ok(sum / f64::max(count, 1.0))
+}
+
+/// G λ² (M + λ²)⁻¹: keeps and amplifies the colour directions that the asset leaves unused, and silences the
+/// others.
+#[allow(clippy::cast_possible_truncation, reason = "weights are single precision")]
+fn colour_map(moment: &Matrix3<f64>, gain: f64, level: f64) -> [[f32; 3]; 3] {
+    let eigen = SymmetricEigen::new(*moment);
+    let gains = eigen.eigenvalues.map(|w| gain * level * level / (w.max(0.0) + level * level));
+    let map = eigen.eigenvectors * Matrix3::from_diagonal(&gains) * eigen.eigenvectors.transpose();
+    std::array::from_fn(|i| std::array::from_fn(|j| map[(i, j)] as f32))
+}
+
+/// Features of each unmarked clip `[F, D]`.
+fn content_features(
+    device: &Device,
+    features: &mut FeatureExtractor,
+    clips: &[TrainingClip],
+) -> Result<Vec<Vec<f32>>, EngineError> {
+    clips
+        .iter()
+        .map(|clip| {
+            let mut rec = device.recorder()?;
+            features.forward(&mut rec, &[&clip.resized])?;
+            rec.submit()?;
+            Ok(features.features().read()?)
+        })
+        .collect()
+}
+
+/// Mean feature change of each random offset field `[k, D]`.
+fn responses(
+    device: &Device,
+    features: &mut FeatureExtractor,
+    (config, key): (&EmbedConfig, &Key),
+    clips: &[TrainingClip],
+    (stage, content): (&mut Stage, &[Vec<f32>]),
+) -> Result<Vec<f32>, EngineError> {
+    let mut rng = key.prf().stream(Stream::Responses, config.seed);
+    let width = key.text_mean.len();
+    let mut field: Buffer<f32> = device.buffer("fit.field", stage.offsets.len())?;
+    let mut found = Vec::with_capacity(config.responses * width);
+    for _ in 0..config.responses {
+        field.write(&random_field(stage.offsets.len(), &mut rng))?;
+        let offsets = Offsets { data: &field, bases: OffsetBases::Dc };
+        let mut change = vec![0.0f64; width];
+        for _ in 0..CLIPS_PER_RESPONSE {
+            let index = uniform_below(&mut rng, u32::try_from(clips.len()).unwrap_or(u32::MAX)) as usize;
+            let mut rec = device.recorder()?;
+            let clip = &clips[index];
+            stage.renderer.forward_clip(&mut rec, &clip.plans, Some(offsets), stage.background, &mut stage.raw)?;
+            clamp01::forward(&mut rec, &stage.raw, &mut stage.marked)?;
+            resize::forward(&mut rec, &stage.resize, &stage.marked, &mut stage.resized, &mut stage.resize_scratch)?;
+            features.forward(&mut rec, &[&stage.resized])?;
+            rec.submit()?;
+            let moved = features.features().read()?;
+            for (i, (m, c)) in moved.iter().zip(&content[index]).enumerate() {
+                change[i % width] += f64::from(m - c) / (CLIPS_PER_RESPONSE * CLIP_FRAMES) as f64;
+            }
+        }
+        #[allow(clippy::cast_possible_truncation, reason = "features are single precision")]
+        found.extend(change.into_iter().map(|v| v as f32));
+    }
+    Ok(found)
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "offsets are single precision")]
+fn random_field(len: usize, rng: &mut rand_chacha::ChaCha20Rng) -> Vec<f32> {
+    let mut field = vec![0.0; len];
+    for splat in field.chunks_exact_mut(48) {
+        for dc in &mut splat[..3] {
+            *dc = (standard_normal(rng) * RESPONSE_LEVEL / Y0) as f32;
+        }
+    }
+    field
+}

@@ -1,0 +1,246 @@
+//! Embedding: optimising SH offsets so that rendered clips carry the message (Guard4D Sec. 3.3–3.5).
+
+mod checkpoint;
+mod clips;
+mod config;
+mod fit;
+mod step;
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use guard4d_kernels::Device;
+use guard4d_kernels::image::resize::ImageSize;
+use rand_chacha::ChaCha20Rng;
+
+pub use config::{Control, EmbedConfig, Profile};
+pub use step::StepReport;
+
+use crate::clip::{Clip, Purpose};
+use crate::deform::DeformField;
+use crate::error::EngineError;
+use crate::scene::camera_paths::{Band, Lens};
+use crate::scene::{CameraSet, Model};
+use crate::train::schedule::cosine;
+use crate::watermark::decoder::Decoder;
+use crate::watermark::evidence::ExtractorMode;
+use crate::watermark::extractor::{CLIP_FRAMES, ExtractorWeights, FeatureExtractor};
+use crate::watermark::key::Key;
+use crate::watermark::message::Message;
+use crate::watermark::prf::{Purpose as Stream, uniform_below, uniform_unit};
+use clips::{ClipBuilder, TrainingClip};
+use step::{Critic, Rates, Stage};
+
+/// Weight of the newest step in the running mean of the squared error.
+const MSE_SHARE: f32 = 0.2;
+
+/// A finished embedding.
+#[derive(Debug)]
+pub struct Embedded {
+    /// Marked SH coefficients `[N,16,3]`.
+    pub sh_coeffs: Vec<f32>,
+    /// The private extractor.
+    pub extractor: ExtractorWeights,
+    /// Seconds per stage.
+    pub seconds: BTreeMap<String, f64>,
+    /// Device seconds of training by kernel.
+    pub device_seconds: BTreeMap<&'static str, f64>,
+    /// Steps taken.
+    pub steps: usize,
+}
+
+/// What an embedding works on.
+#[derive(Clone, Copy, Debug)]
+pub struct Subject<'a> {
+    /// Device.
+    pub device: &'a Device,
+    /// Frozen CLIP.
+    pub clip: &'a Clip,
+    /// Owner key.
+    pub key: &'a Key,
+    /// Unmarked model.
+    pub model: &'a Model,
+    /// Message to write.
+    pub message: &'a Message,
+}
+
+/// Whether to go on; asked after every step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Next {
+    /// Take the next step.
+    Continue,
+    /// Stop here.
+    Stop,
+}
+
+/// An embedding under way.
+pub struct Embedding<'a> {
+    subject: Subject<'a>,
+    config: EmbedConfig,
+    clips: Vec<TrainingClip>,
+    stage: Stage,
+    critic: Critic,
+    weights: ExtractorWeights,
+    mean_mse: Option<f32>,
+    keep: f32,
+    step: usize,
+    seconds: BTreeMap<String, f64>,
+    device_seconds: BTreeMap<&'static str, f64>,
+}
+
+impl<'a> Embedding<'a> {
+    /// Plans the training clips and fits the message-blind parts of the extractor.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for impossible settings; when memory runs out or the device fails.
+    pub fn prepare(subject: Subject<'a>, config: EmbedConfig) -> Result<Self, EngineError> {
+        config.validate()?;
+        let Subject { device, clip, key, model, message } = subject;
+        let mut seconds = BTreeMap::new();
+        let started = Instant::now();
+        let size = ImageSize { height: config.size_px.1 as usize, width: config.size_px.0 as usize };
+        let side = clip.config().vision_config.image_size;
+        let mut stage = Stage::new(device, model.gaussians.len(), size, side, model.background)?;
+        let clips = training_clips(&subject, &config, &mut stage)?;
+        seconds.insert("plan".to_owned(), started.elapsed().as_secs_f64());
+
+        let started = Instant::now();
+        let weights = fit::extractor(device, clip, key, &config, &clips, &mut stage)?;
+        let branches = if config.mode == ExtractorMode::Joint { 3 } else { 1 };
+        let features = FeatureExtractor::new(device, clip, weights.tmsd.as_ref(), branches, Purpose::InputGradient)?;
+        let decoder = Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;
+        let critic = Critic::new(device, features, decoder, message, &config)?;
+        seconds.insert("fit".to_owned(), started.elapsed().as_secs_f64());
+        seconds.insert("train".to_owned(), 0.0);
+        Ok(Self {
+            subject,
+            config,
+            clips,
+            stage,
+            critic,
+            weights,
+            mean_mse: None,
+            keep: 1.0,
+            step: 0,
+            seconds,
+            device_seconds: BTreeMap::new(),
+        })
+    }
+
+    /// Steps taken so far.
+    #[must_use]
+    pub fn step_number(&self) -> usize {
+        self.step
+    }
+
+    /// Takes one step; `None` when all are done.
+    ///
+    /// # Errors
+    /// When the device fails, or a loss is not finite.
+    pub fn step(&mut self) -> Result<Option<StepReport>, EngineError> {
+        if self.step >= self.config.steps {
+            return Ok(None);
+        }
+        let started = Instant::now();
+        let config = &self.config;
+        let mut rng = self.subject.key.prf().stream(Stream::Embedding, stream_index(config.seed, self.step));
+        let index = uniform_below(&mut rng, u32::try_from(self.clips.len()).unwrap_or(u32::MAX)) as usize;
+        let (low, high) = config.noise_sigma;
+        let rates = Rates {
+            decay: cosine(self.step, config.steps, config.lr_floor),
+            keep: self.keep,
+            sigma: low * (high / low).powf(unit(&mut rng)),
+            stream: u32::try_from(self.step).unwrap_or(u32::MAX),
+        };
+        let (report, timings) =
+            self.critic.step(self.subject.device, &mut self.stage, &self.clips[index], config, rates)?;
+        if !(report.message.is_finite() && report.mse.is_finite()) {
+            let what = format!("loss at step {}", self.step);
+            return Err(EngineError::NotFinite { what, got: f64::from(report.message) });
+        }
+        self.hold_fidelity(report.mse);
+        for pass in timings.passes {
+            *self.device_seconds.entry(pass.name).or_default() += pass.time.as_secs_f64();
+        }
+        self.step += 1;
+        *self.seconds.entry("train".to_owned()).or_default() += started.elapsed().as_secs_f64();
+        Ok(Some(report))
+    }
+
+    /// Chooses the factor on the offsets for the next step so that the running squared error stays at the target.
+    fn hold_fidelity(&mut self, mse: f32) {
+        let EmbedConfig { target_psnr, start_psnr, steps, .. } = self.config;
+        // The value was measured before this step's factor took effect.
+        let mse = mse * self.keep * self.keep;
+        let mean = self.mean_mse.map_or(mse, |mean| mean + MSE_SHARE * (mse - mean));
+        let progress = (2.0 * self.step as f32 / steps as f32).min(1.0);
+        let allowed = 10f32.powf(-0.1 * (start_psnr + (target_psnr - start_psnr) * progress));
+        self.keep = if mean > allowed { (allowed / mean).sqrt() } else { 1.0 };
+        self.mean_mse = Some(mean * self.keep * self.keep);
+    }
+
+    /// The marked coefficients and the extractor as they are now.
+    ///
+    /// # Errors
+    /// When reading from the device fails.
+    pub fn finish(mut self) -> Result<Embedded, EngineError> {
+        let offsets = self.stage.offsets.read()?;
+        let clean = &self.subject.model.gaussians.sh_coeffs;
+        let sh_coeffs = clean.iter().zip(&offsets).map(|(h, d)| h + d).collect();
+        if let Some(tmsd) = self.critic.features.tmsd() {
+            self.weights.tmsd = Some(tmsd.weights()?);
+        }
+        Ok(Embedded {
+            sh_coeffs,
+            extractor: self.weights,
+            seconds: self.seconds,
+            device_seconds: self.device_seconds,
+            steps: self.step,
+        })
+    }
+}
+
+/// Random views, each over the whole motion with times of its own.
+fn training_clips(
+    subject: &Subject<'_>,
+    config: &EmbedConfig,
+    stage: &mut Stage,
+) -> Result<Vec<TrainingClip>, EngineError> {
+    let model = subject.model;
+    let mut field = DeformField::new(subject.device, &model.gaussians, model.deformation.as_ref())?;
+    let mut rng = subject.key.prf().stream(Stream::Views, config.seed);
+    let size = crate::scene::ImageSize::new(config.size_px.0, config.size_px.1)?;
+    let band = Band {
+        azimuth_deg: 0.0..=360.0,
+        elevation_deg: config.elevation_deg.0..=config.elevation_deg.1,
+        radius: config.radius..=config.radius,
+        target: glam::Vec3::ZERO,
+        lens: Lens { fov_x_rad: config.fov_deg.to_radians(), size },
+    };
+    let views: CameraSet = band.sample(config.views, config.seed)?;
+    let mut builder = ClipBuilder {
+        device: subject.device,
+        field: &mut field,
+        renderer: &mut stage.renderer,
+        resize: &stage.resize,
+        background: stage.background,
+        with_similarity: config.lambda_recon > 0.0,
+    };
+    let mut clips = Vec::with_capacity(views.views.len());
+    for view in &views.views {
+        let shift = unit(&mut rng);
+        let times: Vec<f32> = (0..CLIP_FRAMES).map(|i| (i as f32 + shift) / CLIP_FRAMES as f32).collect();
+        clips.push(builder.build(&view.camera, &times)?);
+    }
+    Ok(clips)
+}
+
+/// Every step has a random stream of its own, so that a resumed run draws what an unbroken one would.
+fn stream_index(seed: u64, step: usize) -> u64 {
+    (seed << 32) | step as u64
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "a factor between 0 and 1")]
+fn unit(rng: &mut ChaCha20Rng) -> f32 {
+    uniform_unit(rng) as f32
+}

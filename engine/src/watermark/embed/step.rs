@@ -1,0 +1,313 @@
+//! One training step: render, lose, go back, update. No I/O, no allocation.
+
+use guard4d_kernels::image::clamp01;
+use guard4d_kernels::image::noise::{self, Noise};
+use guard4d_kernels::image::resize::{self, ImageSize, ResizePlan};
+use guard4d_kernels::loss::bce::{self, Groups, Objective};
+use guard4d_kernels::loss::offset_penalty::{self, BlockWeights};
+use guard4d_kernels::loss::ssim::{self, SsimReference, SsimScratch};
+use guard4d_kernels::loss::sum::SumScratch;
+use guard4d_kernels::loss::{PixelPair, Term, l1, mse};
+use guard4d_kernels::optim::adam::{self, AdamConfig, AdamState};
+use guard4d_kernels::shape::Accumulate;
+use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
+
+use super::clips::TrainingClip;
+use super::config::EmbedConfig;
+use crate::error::EngineError;
+use crate::render::{OffsetBases, Offsets, Renderer};
+use crate::watermark::decoder::{Decoder, DecoderPass};
+use crate::watermark::evidence::ExtractorMode;
+use crate::watermark::extractor::{CLIP_FRAMES, FeatureExtractor, Training};
+use crate::watermark::message::Message;
+
+/// Slots of the value buffer.
+const MSE: usize = 0;
+const L1: usize = 1;
+const SSIM: usize = 2;
+const OFFSET: usize = 3;
+const NUM_VALUES: usize = 4;
+
+/// Offsets, renderer and full-size clip buffers.
+pub(super) struct Stage {
+    pub(super) renderer: Renderer,
+    pub(super) resize: ResizePlan,
+    pub(super) resize_scratch: Buffer<f32>,
+    pub(super) background: [f32; 3],
+    /// Offsets on the SH coefficients `[N,16,3]`.
+    pub(super) offsets: Buffer<f32>,
+    pub(super) offsets_state: AdamState,
+    v_offsets: Buffer<f32>,
+    pub(super) raw: Buffer<f32>,
+    pub(super) marked: Buffer<f32>,
+    v_marked: Buffer<f32>,
+    v_raw: Buffer<f32>,
+    pub(super) resized: Buffer<f32>,
+    noisy: Buffer<f32>,
+    noisy_resized: Buffer<f32>,
+}
+
+impl Stage {
+    pub(super) fn new(
+        device: &Device,
+        num_splats: usize,
+        size: ImageSize,
+        side: usize,
+        background: [f32; 3],
+    ) -> Result<Self, EngineError> {
+        let resize = ResizePlan::new(device, size, ImageSize { height: side, width: side })?;
+        let full = |name: &str| device.buffer(&format!("stage.{name}"), CLIP_FRAMES * size.height * size.width * 4);
+        let small = |name: &str| device.buffer(&format!("stage.{name}"), CLIP_FRAMES * side * side * 4);
+        let offsets = num_splats * 48;
+        Ok(Self {
+            renderer: Renderer::new(device)?,
+            resize_scratch: resize.scratch(device, CLIP_FRAMES)?,
+            resize,
+            background,
+            offsets: device.buffer("offsets", offsets)?,
+            offsets_state: AdamState::new(device, "offsets", offsets)?,
+            v_offsets: device.buffer("v_offsets", offsets)?,
+            raw: full("raw")?,
+            marked: full("marked")?,
+            v_marked: full("v_marked")?,
+            v_raw: full("v_raw")?,
+            resized: small("resized")?,
+            noisy: full("noisy")?,
+            noisy_resized: small("noisy_resized")?,
+        })
+    }
+
+    /// Marked frames of a clip, clamped to what a video can hold, in `self.marked`; resized in `self.resized`.
+    pub(super) fn render(&mut self, rec: &mut Recorder, clip: &TrainingClip) -> Result<(), EngineError> {
+        let offsets = Offsets { data: &self.offsets, bases: OffsetBases::Dc };
+        self.renderer.forward_clip(rec, &clip.plans, Some(offsets), self.background, &mut self.raw)?;
+        clamp01::forward(rec, &self.raw, &mut self.marked)?;
+        Ok(resize::forward(rec, &self.resize, &self.marked, &mut self.resized, &mut self.resize_scratch)?)
+    }
+}
+
+/// What one step reports.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StepReport {
+    /// Message loss.
+    pub message: f32,
+    /// Sum of both control losses.
+    pub control: f32,
+    /// Mean square of the mark.
+    pub mse: f32,
+    /// Share of the message's bits that the clip's frames carry.
+    pub bit_accuracy: f32,
+}
+
+/// Rates and scales of one step.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rates {
+    /// Factor on both learning rates.
+    pub(super) decay: f32,
+    /// Factor on the offsets that holds the fidelity.
+    pub(super) keep: f32,
+    /// Standard deviation of the noisy control.
+    pub(super) sigma: f32,
+    /// Stream of its noise.
+    pub(super) stream: u32,
+}
+
+/// The extractor in training, with its losses.
+pub(super) struct Critic {
+    pub(super) features: FeatureExtractor,
+    decoder: Decoder,
+    pass: DecoderPass,
+    target: Buffer<f32>,
+    message: Message,
+    objective: Objective,
+    values: Buffer<f32>,
+    branches: Vec<Branch>,
+    sums: SumScratch,
+    similarity: SsimScratch,
+}
+
+/// Logits of one clip and their loss.
+struct Branch {
+    logits: Buffer<f32>,
+    v_logits: Buffer<f32>,
+    value: Buffer<f32>,
+}
+
+impl Critic {
+    pub(super) fn new(
+        device: &Device,
+        features: FeatureExtractor,
+        decoder: Decoder,
+        message: &Message,
+        config: &EmbedConfig,
+    ) -> Result<Self, EngineError> {
+        let branches = if config.mode == ExtractorMode::Joint { 3 } else { 1 };
+        let bits: Vec<f32> = message.bits().map(|b| f32::from(u8::from(b))).collect();
+        let branch = || -> Result<Branch, KernelError> {
+            Ok(Branch {
+                logits: device.buffer("critic.logits", CLIP_FRAMES * bits.len())?,
+                v_logits: device.buffer("critic.v_logits", CLIP_FRAMES * bits.len())?,
+                value: device.buffer("critic.value", 1)?,
+            })
+        };
+        let size = ImageSize { height: config.size_px.1 as usize, width: config.size_px.0 as usize };
+        Ok(Self {
+            pass: decoder.pass(device, branches * CLIP_FRAMES)?,
+            target: device.buffer_from("critic.target", &bits)?,
+            values: device.buffer("critic.values", NUM_VALUES)?,
+            branches: (0..branches).map(|_| branch()).collect::<Result<_, _>>()?,
+            sums: SumScratch::new(device, CLIP_FRAMES * size.height * size.width)?,
+            similarity: SsimScratch::new(device, size, CLIP_FRAMES)?,
+            objective: match config.margin {
+                margin if margin > 0.0 => Objective::Margin { margin },
+                _ => Objective::Bce,
+            },
+            message: *message,
+            features,
+            decoder,
+        })
+    }
+
+    /// One step on `clip`. Returns what it saw before the update, and the device time of every pass.
+    pub(super) fn step(
+        &mut self,
+        device: &Device,
+        stage: &mut Stage,
+        clip: &TrainingClip,
+        config: &EmbedConfig,
+        rates: Rates,
+    ) -> Result<(StepReport, Timings), EngineError> {
+        let mut rec = device.recorder()?;
+        stage.render(&mut rec, clip)?;
+        self.fidelity(&mut rec, stage, clip, config)?;
+        self.logits(&mut rec, stage, clip, config, rates)?;
+        self.message_losses(&mut rec, config)?;
+        self.update(&mut rec, stage, clip, config, rates)?;
+        let timings = rec.submit()?;
+        Ok((self.report(config)?, timings))
+    }
+
+    /// Reconstruction loss and the squared error, with their gradient in `stage.v_marked`.
+    fn fidelity(
+        &mut self,
+        rec: &mut Recorder,
+        stage: &mut Stage,
+        clip: &TrainingClip,
+        config: &EmbedConfig,
+    ) -> Result<(), KernelError> {
+        let values = &mut self.values;
+        let pair = PixelPair {
+            image: &stage.marked,
+            image_px: 0,
+            reference: &clip.reference,
+            reference_px: 0,
+            num_px: stage.marked.len() / 4,
+        };
+        // The squared error is only measured: the fidelity is held by scaling the offsets.
+        let term = Term { values, slot: MSE, weight: 0.0, accumulate: Accumulate::Overwrite };
+        mse::step(rec, &pair, &mut stage.v_marked, term, &mut self.sums)?;
+        if config.lambda_recon > 0.0 {
+            let accumulate = Accumulate::Add;
+            let weight = config.lambda_recon * (1.0 - config.lambda_ssim);
+            let term = Term { values, slot: L1, weight, accumulate };
+            l1::step(rec, &pair, &mut stage.v_marked, term, &mut self.sums)?;
+            let references: Vec<&SsimReference> = clip.similarity.iter().collect();
+            let weight = -config.lambda_recon * config.lambda_ssim;
+            let term = Term { values, slot: SSIM, weight, accumulate };
+            let marked = (&stage.marked, references.as_slice());
+            ssim::step(rec, marked, &mut stage.v_marked, term, &mut self.similarity)?;
+        }
+        Ok(())
+    }
+
+    /// Logits of the marked clip and, for `joint`, of the clean and the noisy control.
+    fn logits(
+        &mut self,
+        rec: &mut Recorder,
+        stage: &mut Stage,
+        clip: &TrainingClip,
+        config: &EmbedConfig,
+        rates: Rates,
+    ) -> Result<(), KernelError> {
+        if config.mode == ExtractorMode::Joint {
+            let noise = Noise { sigma: rates.sigma, seed: config.seed, stream: rates.stream };
+            noise::forward(rec, &noise, &clip.reference, &mut stage.noisy)?;
+            let scratch = &mut stage.resize_scratch;
+            resize::forward(rec, &stage.resize, &stage.noisy, &mut stage.noisy_resized, scratch)?;
+            self.features.forward(rec, &[&stage.resized, &clip.resized, &stage.noisy_resized])?;
+        } else {
+            self.features.forward(rec, &[&stage.resized])?;
+        }
+        self.decoder.forward(rec, self.features.features(), &mut self.pass)
+    }
+
+    fn message_losses(&mut self, rec: &mut Recorder, config: &EmbedConfig) -> Result<(), KernelError> {
+        let bits = self.target.len();
+        let groups = Groups { groups: 1, rows: CLIP_FRAMES, bits };
+        let len = CLIP_FRAMES * bits;
+        for (i, branch) in self.branches.iter_mut().enumerate() {
+            let (objective, weight) =
+                if i == 0 { (self.objective, 1.0) } else { (config.control.objective(), config.lambda_control) };
+            rec.copy(&self.pass.logits, i * len, &mut branch.logits, 0, len)?;
+            bce::forward(rec, objective, groups, (&branch.logits, &self.target), &mut branch.value)?;
+            let inputs = (&branch.logits, &self.target, &branch.value);
+            bce::backward(rec, (objective, weight), groups, inputs, &mut branch.v_logits)?;
+            rec.copy(&branch.v_logits, 0, &mut self.pass.v_logits, i * len, len)?;
+        }
+        Ok(())
+    }
+
+    /// Back through extractor, resize and renderer, then Adam.
+    fn update(
+        &mut self,
+        rec: &mut Recorder,
+        stage: &mut Stage,
+        clip: &TrainingClip,
+        config: &EmbedConfig,
+        rates: Rates,
+    ) -> Result<(), EngineError> {
+        let training = if config.mode == ExtractorMode::Joint { Training::Tmsd } else { Training::Frozen };
+        self.decoder.backward(rec, &mut self.pass)?;
+        self.features.backward(rec, &self.pass.v_features, training)?;
+        let into = (&mut stage.v_marked, Accumulate::Add);
+        resize::backward(rec, &stage.resize, &self.features.v_x, into, &mut stage.resize_scratch)?;
+        clamp01::backward(rec, &stage.raw, &stage.v_marked, &mut stage.v_raw)?;
+        rec.fill(&mut stage.v_offsets, 0.0);
+        let offsets = Offsets { data: &stage.offsets, bases: OffsetBases::Dc };
+        stage.renderer.backward_clip(rec, &clip.plans, offsets, &stage.v_raw, &mut stage.v_offsets)?;
+        if config.lambda_offset > 0.0 {
+            let weights = BlockWeights { dc: 1.0, rest: 1.0 };
+            let accumulate = Accumulate::Add;
+            let term = Term { values: &mut self.values, slot: OFFSET, weight: config.lambda_offset, accumulate };
+            let v_offsets = &mut stage.v_offsets;
+            offset_penalty::step(rec, (&stage.offsets, weights), v_offsets, term, &mut self.sums)?;
+        }
+        let adam = AdamConfig { lr: config.lr_dc * rates.decay, keep: rates.keep, ..AdamConfig::default() };
+        adam::step(rec, &mut stage.offsets, &stage.v_offsets, &mut stage.offsets_state, &adam)?;
+        if training == Training::Tmsd
+            && let Some(tmsd) = self.features.tmsd()
+        {
+            let adam = AdamConfig { lr: config.lr_tmsd * rates.decay, ..AdamConfig::default() };
+            tmsd.step(rec, &adam)?;
+        }
+        Ok(())
+    }
+
+    fn report(&self, config: &EmbedConfig) -> Result<StepReport, KernelError> {
+        let value = |i: usize| -> Result<f32, KernelError> { Ok(self.branches[i].value.read()?[0]) };
+        let logits = self.branches[0].logits.read()?;
+        let bits: Vec<bool> = self.message.bits().collect();
+        let right = logits.iter().zip(bits.iter().cycle()).filter(|(o, b)| (**o > 0.0) == **b).count();
+        let objective = config.control.objective();
+        let mut control = 0.0;
+        for i in 1..self.branches.len() {
+            control += objective.loss(value(i)?);
+        }
+        Ok(StepReport {
+            message: value(0)?,
+            control,
+            mse: self.values.read()?[MSE],
+            bit_accuracy: right as f32 / logits.len() as f32,
+        })
+    }
+}

@@ -1,0 +1,192 @@
+//! What a mark is worth on frames that nobody trained on: 8-bit pictures of unseen views and times.
+
+use guard4d_kernels::Device;
+use rand_chacha::ChaCha20Rng;
+use serde::Serialize;
+
+use super::evidence::ExtractorMode;
+use super::extractor::{ExtractorWeights, Reader};
+use super::key::Key;
+use super::message::Message;
+use super::metrics::{Picture, PsnrSummary, SquaredError, foreground, ssim};
+use super::prf::{Purpose, standard_normal};
+use super::reading::Reading;
+use crate::clip::Clip;
+use crate::error::EngineError;
+use crate::media::Frame;
+use crate::render::Film;
+use crate::scene::{CameraSet, Gaussians, Model};
+
+/// A pixel belongs to the object when less light than this comes from behind it.
+const FOREGROUND_TRANSMITTANCE: f32 = 0.5;
+/// Standard deviation of the noisy control at verification.
+const NOISE_SIGMA: f64 = 0.02;
+
+/// Frames of one camera set before and after marking.
+#[derive(Debug)]
+pub struct HeldOut {
+    /// Clips of marked 8-bit frames, one per view.
+    pub marked: Vec<Vec<Frame>>,
+    /// Clips of clean 8-bit frames.
+    pub clean: Vec<Vec<Frame>>,
+    /// Squared errors per frame, whole and foreground; marked 8-bit against clean float.
+    errors: Vec<(SquaredError, SquaredError)>,
+    ssim: Vec<f64>,
+}
+
+/// Bit accuracies over clips (mean logits of each clip) and fidelity.
+#[derive(Clone, Debug, Serialize)]
+pub struct Evaluation {
+    /// Mode of the extractor.
+    pub mode: ExtractorMode,
+    /// Clips.
+    pub clips: usize,
+    /// Message bits.
+    pub bits: usize,
+    /// Share of bits right on marked clips.
+    pub marked: f64,
+    /// The same frame by frame.
+    pub marked_frames: f64,
+    /// Matches of each marked clip.
+    pub matches: Vec<u32>,
+    /// Share of the message's bits that clean clips show.
+    pub clean: f64,
+    /// The same with noise on the clean clips.
+    pub noisy: f64,
+    /// Whole-frame fidelity.
+    pub psnr: PsnrSummary,
+    /// Fidelity of the object alone.
+    pub foreground_psnr: PsnrSummary,
+    /// Mean SSIM.
+    pub ssim: f64,
+}
+
+impl HeldOut {
+    /// Renders `cameras` from the clean and the marked scene.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn shoot(
+        device: &Device,
+        model: &Model,
+        marked_sh: &[f32],
+        cameras: &CameraSet,
+    ) -> Result<Self, EngineError> {
+        let mut clean = Vec::new();
+        shoot(device, model, &model.gaussians, cameras, |pixels| clean.push(pixels))?;
+        let gaussians = Gaussians { sh_coeffs: marked_sh.to_vec(), ..model.gaussians.clone() };
+        let mut marked = Vec::new();
+        shoot(device, model, &gaussians, cameras, |pixels| marked.push(pixels))?;
+        let size = |v: usize| (cameras.views[v].camera.width, cameras.views[v].camera.height);
+        let mut out = Self { marked: Vec::new(), clean: Vec::new(), errors: Vec::new(), ssim: Vec::new() };
+        let mut pairs = clean.iter().zip(&marked);
+        for (v, view) in cameras.views.iter().enumerate() {
+            let (width, height) = size(v);
+            let (mut marked_clip, mut clean_clip) = (Vec::new(), Vec::new());
+            for (clean, marked) in pairs.by_ref().take(view.times.len()) {
+                let frame = Frame::from_rgba32f(width, height, marked)?;
+                let clamped: Vec<f32> = clean.iter().map(|v| v.clamp(0.0, 1.0)).collect();
+                let reference = Picture::from_rgba32f(width, height, &clamped)?;
+                let picture = Picture::from_frame(&frame);
+                let mask = foreground(clean.iter().skip(3).step_by(4).copied(), FOREGROUND_TRANSMITTANCE);
+                let whole = SquaredError::between(&picture, &reference)?;
+                out.errors.push((whole, SquaredError::within(&picture, &reference, &mask)?));
+                out.ssim.push(ssim(&picture, &reference)?);
+                clean_clip.push(Frame::from_rgba32f(width, height, clean)?);
+                marked_clip.push(frame);
+            }
+            out.marked.push(marked_clip);
+            out.clean.push(clean_clip);
+        }
+        Ok(out)
+    }
+
+    /// Reads the message from marked, clean and noisy clips.
+    ///
+    /// # Errors
+    /// When key, checkpoint and extractor do not belong together; when the device fails.
+    pub fn evaluate(
+        &self,
+        device: &Device,
+        clip: &Clip,
+        key: &Key,
+        extractor: &ExtractorWeights,
+        message: &Message,
+    ) -> Result<Evaluation, EngineError> {
+        let mut reader = Reader::new(device, clip, key, extractor)?;
+        let mut noise = key.prf().stream(Purpose::ControlNoise, 0);
+        let noisy: Vec<Vec<Frame>> = self
+            .clean
+            .iter()
+            .map(|clip| clip.iter().map(|frame| with_noise(frame, &mut noise)).collect::<Result<_, _>>())
+            .collect::<Result<_, EngineError>>()?;
+        let marked = read_clips(&mut reader, &self.marked, key.bits())?;
+        let clean = read_clips(&mut reader, &self.clean, key.bits())?;
+        let noisy = read_clips(&mut reader, &noisy, key.bits())?;
+        let matches = marked.iter().map(|r| r.matches(message)).collect::<Result<Vec<_>, _>>()?;
+        let frames = marked.iter().map(|r| r.frame_accuracy(message)).collect::<Result<Vec<_>, _>>()?;
+        let (whole, object): (Vec<_>, Vec<_>) = self.errors.iter().copied().unzip();
+        let nothing = || EngineError::Usage {
+            what: "held-out cameras".to_owned(),
+            got: "no frame".to_owned(),
+            expected: "at least one view at one time".to_owned(),
+        };
+        Ok(Evaluation {
+            mode: extractor.mode,
+            clips: marked.len(),
+            bits: key.bits(),
+            marked: mean_accuracy(&marked, message)?,
+            marked_frames: frames.iter().map(|f| f.mean).sum::<f64>() / frames.len().max(1) as f64,
+            matches,
+            clean: mean_accuracy(&clean, message)?,
+            noisy: mean_accuracy(&noisy, message)?,
+            psnr: PsnrSummary::of(&whole).ok_or_else(nothing)?,
+            foreground_psnr: PsnrSummary::of(&object).ok_or_else(nothing)?,
+            ssim: self.ssim.iter().sum::<f64>() / self.ssim.len().max(1) as f64,
+        })
+    }
+}
+
+/// Readings of clips, one each.
+///
+/// # Errors
+/// When the device fails.
+pub fn read_clips(reader: &mut Reader, clips: &[Vec<Frame>], bits: usize) -> Result<Vec<Reading>, EngineError> {
+    let bits = u32::try_from(bits).unwrap_or(u32::MAX);
+    clips.iter().map(|clip| Reading::from_logits(&reader.logits(clip)?, bits)).collect()
+}
+
+/// Mean share of `message` that the readings show.
+///
+/// # Errors
+/// [`EngineError::Usage`] when lengths differ.
+pub fn mean_accuracy(readings: &[Reading], message: &Message) -> Result<f64, EngineError> {
+    let mut sum = 0.0;
+    for reading in readings {
+        sum += reading.decoded().bit_accuracy(message)?;
+    }
+    Ok(sum / readings.len().max(1) as f64)
+}
+
+fn shoot(
+    device: &Device,
+    model: &Model,
+    gaussians: &Gaussians,
+    cameras: &CameraSet,
+    mut keep: impl FnMut(Vec<f32>),
+) -> Result<(), EngineError> {
+    let mut film = Film::new(device, gaussians, model.deformation.as_ref(), model.background)?;
+    film.shoot(cameras, None, |_, _, pixels| {
+        keep(pixels.to_vec());
+        Ok(())
+    })
+}
+
+/// An 8-bit frame with Gaussian noise, rounded again.
+#[allow(clippy::cast_possible_truncation, reason = "colours are single precision")]
+fn with_noise(frame: &Frame, rng: &mut ChaCha20Rng) -> Result<Frame, EngineError> {
+    let pixels: Vec<f32> =
+        frame.to_rgba32f().iter().map(|v| v + (NOISE_SIGMA * standard_normal(rng)) as f32).collect();
+    Frame::from_rgba32f(frame.width(), frame.height(), &pixels)
+}
+
