@@ -1,1 +1,3 @@
+//! Benchmarks of the kernels and of the embedding step, in device time.
+
 fn main() {}

@@ -223,3 +223,12 @@ fn kernels_read_no_file_and_no_environment() {
     let found = offences(&files("kernels/src", &["rs"]), breaks);
     assert_none("kernels reads no file and no environment", &found);
 }
+
+#[test]
+fn twins_stand_on_their_own() {
+    let marks = ["vk", "registry"];
+    let breaks = |line: &str| code(line).contains("use ") && marks.iter().any(|m| has_word(line, m));
+    assert!(breaks("use crate::registry::optim::adam_step;"), "an import is seen");
+    let found = offences(&files("kernels/src/reference", &["rs"]), breaks);
+    assert_none("twins import neither vk nor registry", &found);
+}

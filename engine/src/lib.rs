@@ -1,6 +1,7 @@
 //! Scenes, rendering, CLIP, watermark and evidence of guard4d.
 #![forbid(unsafe_code)]
 
+pub mod clip;
 pub mod error;
 pub mod media;
 pub mod output;

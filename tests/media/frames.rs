@@ -6,7 +6,7 @@ use std::path::Path;
 
 use guard4d_engine::EngineError;
 use guard4d_engine::media::frames::{list_png_folder, read_png, write_png, write_png_folder};
-use guard4d_engine::media::{Frame, Integrity, ReadOptions, read_clip};
+use guard4d_engine::media::{Clip, Frame, Integrity, ReadOptions, read_clip};
 use guard4d_engine::watermark::metrics::{Picture, SquaredError};
 use guard4d_engine::watermark::prf::{MasterSecret, Prf, Purpose, uniform_unit};
 
@@ -32,6 +32,9 @@ fn png_folder_round_trips_bit_for_bit() {
     assert_eq!(clip.frames(), frames);
     assert_eq!(clip.size_px(), (7, 5));
     assert_eq!(clip.integrity(), &Integrity::Intact);
+    assert_eq!(Clip::from_frames(frames.clone()).expect("one size"), clip);
+    assert_eq!(code(Clip::from_frames(Vec::new())), 2);
+    assert_eq!(code(Clip::from_frames(vec![frame(7, 5, 0), frame(5, 7, 0)])), 2);
     assert_eq!(code(write_png_folder(&target, &frames)), 73, "old and new frames must not mix");
 
     let options = ReadOptions { max_frames: NonZeroU32::new(3), ..ReadOptions::default() };

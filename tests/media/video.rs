@@ -71,7 +71,7 @@ fn mp4_keeps_frames_size_rate_and_colour() {
     assert_eq!(clip.integrity(), &Integrity::Intact);
     let rate = clip.frame_rate().expect("mp4 declares a rate");
     assert_eq!((rate.frames.get(), rate.seconds.get()), (30, 1));
-    // Measured 44.9 dB; a wrong matrix or range gives below 30 dB.
+    // Measured 46.4 dB; a wrong matrix or range gives 29 dB.
     assert!(psnr(clip.frames(), &frames) > 42.0, "{} dB", psnr(clip.frames(), &frames));
 
     let options = ReadOptions { max_frames: NonZeroU32::new(3), ..ReadOptions::default() };
@@ -140,7 +140,7 @@ fn range_and_matrix_tags_are_honoured() {
         );
         ffmpeg(&words, &path);
         let clip = read(&path);
-        // Three roundings of at most one level each; a wrong matrix moves green by 20.
+        // Three roundings of at most one level each; BT.601 for BT.709 moves green by 17.
         let close = |p: &[u8]| p.iter().zip(want).all(|(&g, w)| g.abs_diff(w) <= 3);
         assert!(clip.frames()[0].rgb().chunks(3).all(close), "{matrix} {range}: {:?}", &clip.frames()[0].rgb()[..3]);
     }
@@ -289,6 +289,7 @@ fn a_missing_program_is_named_with_a_way_out() {
     let error = write_mp4(&path, &[smooth(8, 8, 0)], &options).expect_err("no program");
     assert_eq!(error.exit_code(), 69);
     assert!(error.to_string().contains("GUARD4D_FFMPEG"), "{error}");
+    assert!(!path.exists(), "a claimed place was left behind");
     fs::write(&path, "x").expect("the folder is writable");
     let options = ReadOptions { ffmpeg: absent, ..ReadOptions::default() };
     assert_eq!(code(read_clip(&path, &options)), 69);

@@ -118,6 +118,41 @@ fn a_firing_control_forbids_present_on_either_side_of_chance() {
     }
 }
 
+/// With a thousand clips no single 16-bit reading is improbable enough; half of them reciting is.
+#[test]
+fn many_reciting_clips_fire_together() {
+    let message = owner(16);
+    let rule = Thresholds { fpr: 1e-3, ..Thresholds::default() };
+    let suspect = says(&message, 0, 8);
+    let clip = |i: u64| if i.is_multiple_of(2) { says(&message, 0, 8) } else { noise(16, 8, i) };
+    let clips =
+        |count| -> Vec<Control> { (0..count).map(|i| control(ControlKind::UnrelatedClip, clip(i), message)).collect() };
+    let evidence = verify(&message, ExtractorMode::Blind, &suspect, &clips(1000), &rule);
+    assert!(evidence.panel.supplied.iter().all(|c| c.leak.state == ControlState::Quiet), "alone");
+    assert_eq!(evidence.verdict, Verdict::Inconclusive);
+    let told: Vec<_> = evidence.reasons.iter().map(ToString::to_string).collect();
+    assert!(told.iter().any(|t| t.contains("unrelated clip") && t.contains("of 1000")), "{told:?}");
+    let noises = [noise(16, 8, 1), noise(16, 8, 3), noise(16, 8, 5)];
+    let quiet = noises.map(|reading| control(ControlKind::UnrelatedClip, reading, message));
+    assert_eq!(verify(&message, ExtractorMode::Blind, &suspect, &quiet, &rule).verdict, Verdict::Present);
+}
+
+/// Clean renders of a sound extractor forbid "present" no more often than promised.
+#[test]
+fn controls_fire_by_chance_as_rarely_as_promised() {
+    let rule = Thresholds { fpr: 1e-3, control_level: 0.05, ..Thresholds::default() };
+    let codeword = Message::from_value(0x00ff_f00f, 32).expect("32 bits");
+    let rng = &mut prf().stream(Purpose::NullMessages, 78);
+    let fired = (0..400).filter(|_| {
+        let message = Message::random(32, rng).expect("32 bits");
+        let clean = [0; 3].map(|_| control(ControlKind::CleanRender, says(&codeword, 0, 8), message));
+        !verify(&message, ExtractorMode::Blind, &says(&message, 0, 8), &clean, &rule).panel.firing().is_empty()
+    });
+    // At most 20 of 400 expected, standard deviation 4.4; five of them.
+    let fired = fired.count();
+    assert!(fired <= 42, "{fired} of 400");
+}
+
 #[test]
 fn the_anti_message_is_noticed_and_is_not_present() {
     let message = owner(32);

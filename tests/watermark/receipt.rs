@@ -9,7 +9,7 @@ use guard4d_engine::watermark::message::Message;
 use guard4d_engine::watermark::metrics::{Decibels, PsnrSummary, SquaredError};
 use guard4d_engine::watermark::prf::{MasterSecret, Prf};
 use guard4d_engine::watermark::receipt::{
-    BitAccuracies, DeviceRecord, Figures, FileRecord, Promise, Receipt, ReceiptBody, Repeatability, Schema, Tool,
+    BitAccuracies, DeviceRecord, Figures, FileRecord, Promise, Receipt, ReceiptBody, Repeatability, Tool,
 };
 use serde_json::Value;
 
@@ -24,7 +24,6 @@ fn message() -> Message {
 fn body() -> ReceiptBody {
     let psnr = PsnrSummary::of(&[SquaredError { sum: 0.011, num_samples: 300 }]).expect("one view");
     ReceiptBody {
-        schema: Schema::V1,
         tool: Tool::current(),
         promise: Promise {
             key_id: prf(1).key_id(),
@@ -134,9 +133,9 @@ fn foreign_fields_versions_and_ruins_are_refused() {
         assert_eq!(error.exit_code(), 65, "{error}");
         error.to_string()
     };
-    assert!(refuse(text.replacen("\"seconds\"", "\"sceonds\"", 1).as_bytes()).contains("sceonds"), "unknown field");
+    assert!(refuse(text.replacen("\"seconds\"", "\"minutes\"", 1).as_bytes()).contains("minutes"), "unknown field");
     assert!(refuse(text.replace("receipt/1", "receipt/2").as_bytes()).contains("receipt/2"), "unknown version");
-    refuse(text.replacen("{\"body\":", "{\"extra\":1,\"body\":", 1).as_bytes());
+    refuse(text.replacen("\"body\":", "\"extra\":1,\"body\":", 1).as_bytes());
     refuse(&text.as_bytes()[..text.len() / 2]);
     refuse(b"");
     refuse(b"\xff\xfe");

@@ -47,6 +47,22 @@ pub struct Clip {
 }
 
 impl Clip {
+    /// Takes frames that were rendered here, such as a null panel's clean render.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for no frames or frames of different sizes.
+    pub fn from_frames(frames: Vec<Frame>) -> Result<Self, EngineError> {
+        let size = |f: &Frame| (f.width(), f.height());
+        if frames.is_empty() || frames.iter().any(|f| size(f) != size(&frames[0])) {
+            return Err(EngineError::Usage {
+                what: "frames of a clip".to_owned(),
+                got: if frames.is_empty() { "none" } else { "different sizes" }.to_owned(),
+                expected: "at least one, all of one size".to_owned(),
+            });
+        }
+        Ok(Self { frames, frame_rate: None, integrity: Integrity::Intact })
+    }
+
     /// Frames in time order.
     #[must_use]
     pub fn frames(&self) -> &[Frame] {

@@ -67,10 +67,11 @@ impl Mp4Writer {
     /// [`EngineError::CannotCreate`] if `path` exists or its folder does not; [`EngineError::Usage`] for odd
     /// sizes (see [`OddSize`]) or a bad crf; [`EngineError::Program`] without ffmpeg.
     pub fn start(path: &Path, size_px: (u32, u32), options: &EncodeOptions) -> Result<Self, EngineError> {
-        check(path, size_px, options)?;
+        check(size_px, options)?;
+        claim(path)?;
         let program = options.ffmpeg.ffmpeg.clone();
         let mut command = Command::new(&program);
-        command.args(["-hide_banner", "-loglevel", "error", "-n"]);
+        command.args(["-hide_banner", "-loglevel", "error", "-y"]);
         command.args(["-f", "rawvideo", "-pix_fmt", "rgb24", "-video_size"]);
         command.arg(format!("{}x{}", even(size_px.0), even(size_px.1)));
         let FrameRate { frames, seconds } = options.frame_rate;
@@ -81,15 +82,12 @@ impl Mp4Writer {
         command.args(["-color_trc", "bt709", "-color_range", "tv"]);
         command.args(["-movflags", "+faststart", "-f", "mp4"]);
         command.arg(file_argument(path)).stdin(Stdio::piped());
-        let mut running = spawn(&program, &mut command)?;
-        Ok(Self {
-            path: path.to_path_buf(),
-            program,
-            size_px,
-            odd_size: options.odd_size,
-            stdin: running.child.stdin.take(),
-            running: Some(running),
-        })
+        let mut writer =
+            Self { path: path.to_path_buf(), program, size_px, odd_size: options.odd_size, stdin: None, running: None };
+        let started = spawn(&writer.program, &mut command);
+        let running = writer.running.insert(started.inspect_err(|_| remove_partial(path))?);
+        writer.stdin = running.child.stdin.take();
+        Ok(writer)
     }
 
     /// Appends a frame.
@@ -111,6 +109,7 @@ impl Mp4Writer {
         };
         written.map_err(|error| {
             self.stdin = None;
+            remove_partial(&self.path);
             match self.running.take().map(Running::wait) {
                 Some(Ok(ended)) => failed(&self.program, &ended.messages),
                 _ => failed(&self.program, &error.to_string()),
@@ -133,15 +132,9 @@ impl Mp4Writer {
             false => Err(failed(&self.program, &ended.messages)),
         });
         if outcome.is_err() {
-            self.remove_partial();
+            remove_partial(&self.path);
         }
         outcome
-    }
-
-    fn remove_partial(&self) {
-        if let Err(error) = fs::remove_file(&self.path) {
-            tracing::debug!(path = %self.path.display(), %error, "no partial video to remove");
-        }
     }
 }
 
@@ -149,7 +142,7 @@ impl Drop for Mp4Writer {
     fn drop(&mut self) {
         if let Some(running) = self.running.take() {
             drop(running);
-            self.remove_partial();
+            remove_partial(&self.path);
         }
     }
 }
@@ -175,15 +168,20 @@ pub fn write_mp4(path: &Path, frames: &[Frame], options: &EncodeOptions) -> Resu
 const TO_BT709: &str = "scale=out_color_matrix=bt709:in_range=pc:out_range=tv:\
                         flags=bicubic+accurate_rnd+full_chroma_int+full_chroma_inp,format=yuv420p";
 
-fn check(path: &Path, size_px: (u32, u32), options: &EncodeOptions) -> Result<(), EngineError> {
-    let cannot = |reason: &str| EngineError::CannotCreate { path: path.to_path_buf(), reason: reason.to_owned() };
-    if path.exists() {
-        return Err(cannot("it exists"));
+/// Creates the file, so that nothing of others is ever overwritten or removed.
+fn claim(path: &Path) -> Result<(), EngineError> {
+    fs::File::create_new(path)
+        .map(drop)
+        .map_err(|error| EngineError::CannotCreate { path: path.to_path_buf(), reason: error.to_string() })
+}
+
+fn remove_partial(path: &Path) {
+    if let Err(error) = fs::remove_file(path) {
+        tracing::debug!(path = %path.display(), %error, "no partial video to remove");
     }
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-    if folder.is_some_and(|folder| !folder.is_dir()) {
-        return Err(cannot("its folder does not exist"));
-    }
+}
+
+fn check(size_px: (u32, u32), options: &EncodeOptions) -> Result<(), EngineError> {
     if options.crf > MAX_CRF {
         return Err(EngineError::Usage {
             what: "crf".to_owned(),

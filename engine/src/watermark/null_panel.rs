@@ -136,6 +136,23 @@ pub struct OtherMessages {
     pub state: ControlState,
 }
 
+/// All supplied readings of one kind together.
+///
+/// A single reading must be far from chance to fire once there are hundreds of them. A kind fires if at
+/// least half of its readings lie outside a narrower band: by Markov's inequality chance does that with at
+/// most twice the probability of one reading, however much the readings depend on one another.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct KindResult {
+    /// What was read.
+    pub kind: ControlKind,
+    /// Readings of this kind.
+    pub num_readings: u32,
+    /// Readings outside the band.
+    pub num_outside: u32,
+    /// Fires if at least half are.
+    pub state: ControlState,
+}
+
 /// All controls of one verification.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NullPanel {
@@ -145,6 +162,8 @@ pub struct NullPanel {
     pub other_messages: OtherMessages,
     /// Controls the caller supplied.
     pub supplied: Vec<ControlResult>,
+    /// The same by kind.
+    pub kinds: Vec<KindResult>,
     /// Kinds of control that could have been supplied and were not.
     pub not_run: Vec<ControlKind>,
 }
@@ -154,7 +173,8 @@ pub struct NullPanel {
 pub struct PanelLevels {
     /// False-positive rate of the decision.
     pub fpr: f64,
-    /// Probability that chance alone makes any control fire, shared equally among the controls.
+    /// Probability that chance alone makes anything fire: one half shared by the single controls, the other
+    /// by the kinds.
     pub control_level: f64,
 }
 
@@ -170,24 +190,19 @@ impl NullPanel {
         prf: &Prf,
         levels: &PanelLevels,
     ) -> Result<Self, EngineError> {
-        let num_controls = u32::try_from(controls.len() + 2).unwrap_or(u32::MAX);
-        let share = levels.control_level / f64::from(num_controls);
+        let share = levels.control_level / 2.0 / f64::from(count(controls.len() + 2));
         let result = |control: &Control| {
-            let matches = control.reading.matches(&control.message)?;
-            Ok::<_, EngineError>(ControlResult {
-                kind: control.kind,
-                name: control.name.clone(),
-                leak: Leak::measure(matches, control.message.num_bits(), 1.0 - share)?,
-            })
+            Ok(ControlResult { kind: control.kind, name: control.name.clone(), leak: control.leak(1.0 - share)? })
         };
+        let (run, not_run): (Vec<_>, Vec<_>) =
+            ControlKind::SUPPLIED.into_iter().partition(|&kind| controls.iter().any(|control| control.kind == kind));
+        let kind_share = levels.control_level / 2.0 / f64::from(count(ControlKind::SUPPLIED.len()));
         Ok(Self {
             inverted: inverted(reading, message, share)?,
             other_messages: OtherMessages::run(reading, message, prf, levels.fpr, share)?,
-            supplied: controls.iter().map(result).collect::<Result<_, _>>()?,
-            not_run: ControlKind::SUPPLIED
-                .into_iter()
-                .filter(|kind| controls.iter().all(|control| control.kind != *kind))
-                .collect(),
+            supplied: controls.iter().map(result).collect::<Result<_, EngineError>>()?,
+            kinds: run.into_iter().map(|kind| KindResult::of(kind, controls, kind_share)).collect::<Result<_, _>>()?,
+            not_run,
         })
     }
 
@@ -203,6 +218,9 @@ impl NullPanel {
             let name = format!("{} PRF messages", self.other_messages.num_messages);
             firing.push((ControlKind::OtherMessages, name));
         }
+        for kind in self.kinds.iter().filter(|kind| kind.state == ControlState::Fires) {
+            firing.push((kind.kind, format!("{} of {}", kind.num_outside, kind.num_readings)));
+        }
         firing
     }
 
@@ -214,9 +232,30 @@ impl NullPanel {
             self.supplied.iter().filter(is_unrelated)
         };
         let reaching = unrelated().filter(|c| c.leak.matches >= matches).count();
-        let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
         (count(unrelated().count()), count(reaching))
     }
+}
+
+impl Control {
+    fn leak(&self, confidence: f64) -> Result<Leak, EngineError> {
+        Leak::measure(self.reading.matches(&self.message)?, self.message.num_bits(), confidence)
+    }
+}
+
+impl KindResult {
+    fn of(kind: ControlKind, controls: &[Control], share: f64) -> Result<Self, EngineError> {
+        let (mut num_readings, mut num_outside) = (0, 0);
+        for control in controls.iter().filter(|control| control.kind == kind) {
+            num_readings += 1;
+            num_outside += u32::from(control.leak(1.0 - share / 2.0)?.state == ControlState::Fires);
+        }
+        let state = if 2 * num_outside >= num_readings { ControlState::Fires } else { ControlState::Quiet };
+        Ok(Self { kind, num_readings, num_outside, state })
+    }
+}
+
+fn count(n: usize) -> u32 {
+    u32::try_from(n).unwrap_or(u32::MAX)
 }
 
 /// One-sided: the inverted message fires only if the clip says the *opposite* of the claim; that it is

@@ -18,7 +18,7 @@ use crate::EngineError;
 /// Domain of the commitment hash.
 const COMMITMENT_CONTEXT: &str = "guard4d receipt commitment, version 1";
 
-/// Receipts this program reads.
+/// Receipts this program reads. The commitment covers the version by its domain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Schema {
     /// First version.
@@ -151,8 +151,6 @@ pub struct DeviceRecord {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReceiptBody {
-    /// Format.
-    pub schema: Schema,
     /// Program that wrote it.
     pub tool: Tool,
     /// What is fixed before release.
@@ -175,6 +173,8 @@ pub struct ReceiptBody {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Receipt {
+    /// Format.
+    pub schema: Schema,
     /// Content.
     pub body: ReceiptBody,
     /// BLAKE3 over the canonical form of `body`.
@@ -188,7 +188,7 @@ impl Receipt {
     /// [`EngineError::NotFinite`] if a figure is NaN or infinite (an infinite PSNR is allowed).
     pub fn seal(body: ReceiptBody) -> Result<Self, EngineError> {
         let commitment = commit(&body)?;
-        Ok(Self { body, commitment })
+        Ok(Self { schema: Schema::V1, body, commitment })
     }
 
     /// Checks that the body is the one that was sealed.

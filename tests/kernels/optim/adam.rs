@@ -22,7 +22,8 @@ fn run(gpu: &Gpu, record: impl FnOnce(&mut Recorder) -> Result<(), KernelError>)
 #[test]
 fn first_step_moves_each_parameter_by_lr_against_its_gradient() {
     // At t = 1 both bias corrections cancel: the step is lr g / (|g| + eps).
-    let config = twin::Adam { lr: 0.1, beta1: 0.9, beta2: 0.999, eps: 0.0, bias1: 1.0 - 0.9, bias2: 1.0 - 0.999, keep: 1.0 };
+    let config =
+        twin::Adam { lr: 0.1, beta1: 0.9, beta2: 0.999, eps: 0.0, bias1: 1.0 - 0.9, bias2: 1.0 - 0.999, keep: 1.0 };
     let mut param = [1.0f64, -2.0];
     twin::step(&config, &mut param, &[3.0, -0.5], &mut [0.0; 2], &mut [0.0; 2]);
     assert!((param[0] - 0.9).abs() < 1e-12 && (param[1] + 1.9).abs() < 1e-12, "{param:?}");
