@@ -5,6 +5,7 @@
 mod clip;
 mod kernels;
 mod media;
+mod render;
 mod scene;
 mod support;
 mod tidy;
