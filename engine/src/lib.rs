@@ -1,9 +1,12 @@
 //! Scenes, rendering, CLIP, watermark and evidence of guard4d.
 #![forbid(unsafe_code)]
 
+pub mod clip;
+pub mod deform;
 pub mod error;
 pub mod media;
 pub mod output;
+pub mod render;
 pub mod scene;
 pub mod tensor_file;
 pub mod watermark;

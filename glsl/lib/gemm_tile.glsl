@@ -22,13 +22,15 @@ void gemm_tile(int lane, int row0, int block0, int last_row, int k4) {
             [[unroll]] for (int b = 0; b < BLOCKS; ++b) {
                 w[b] = imageLoad(w_tex, w0 + (b * k4 + t + u) * 8);
             }
-            [[unroll]] for (int q = 0; q < 4; ++q) {
-                [[unroll]] for (int r = 0; r < 8; ++r) {
-                    float low = subgroupShuffle(rows0[q], r);
-                    float high = subgroupShuffle(rows1[q], r);
-                    [[unroll]] for (int b = 0; b < BLOCKS; ++b) {
-                        acc[r * BLOCKS + b] += low * w[b][q];
-                        acc[(r + 8) * BLOCKS + b] += high * w[b][q];
+            [[unroll]] for (int r = 0; r < 8; ++r) {
+                vec4 low = subgroupShuffle(rows0, r);
+                vec4 high = subgroupShuffle(rows1, r);
+                [[unroll]] for (int b = 0; b < BLOCKS; ++b) {
+                    [[unroll]] for (int q = 0; q < 4; ++q) {
+                        acc[r * BLOCKS + b] += low[q] * w[b][q];
+                    }
+                    [[unroll]] for (int q = 0; q < 4; ++q) {
+                        acc[(r + 8) * BLOCKS + b] += high[q] * w[b][q];
                     }
                 }
             }

@@ -1,0 +1,118 @@
+//! CLIP: image and text towers with frozen weights.
+//!
+//! A checkpoint is Hugging Face's `CLIPModel` layout, `config.json` and `model.safetensors`. Nothing about a particular
+//! model is built in; the miniature one that ships with guard4d is loaded the same way.
+
+mod config;
+mod encoder;
+mod layer;
+mod text;
+mod vision;
+mod weights;
+
+use std::path::{Path, PathBuf};
+
+use guard4d_kernels::Device;
+
+pub use config::{ClipConfig, TextConfig, VisionConfig};
+pub use layer::Purpose;
+pub use text::{TextFeatures, TextTower};
+pub use vision::{VisionTower, VisionWorkspace};
+use weights::Weights;
+
+use crate::error::EngineError;
+use crate::tensor_file::TensorFile;
+
+/// Where a checkpoint comes from.
+#[derive(Clone, Debug)]
+pub enum ClipSource<'a> {
+    /// The miniature CLIP that ships with guard4d: for demonstrations, tests and drafts.
+    Mini,
+    /// A folder with `config.json` and `model.safetensors`.
+    Dir(PathBuf),
+    /// The two files' content.
+    Bytes {
+        /// `config.json`
+        config: &'a [u8],
+        /// `model.safetensors`
+        weights: &'a [u8],
+    },
+}
+
+/// A checked checkpoint; towers are put on the device when they are asked for.
+#[derive(Debug)]
+pub struct Clip {
+    device: Device,
+    config: ClipConfig,
+    weights: Weights,
+    hash: blake3::Hash,
+}
+
+impl Clip {
+    /// Reads a checkpoint and checks its keys and shapes against its configuration.
+    ///
+    /// # Errors
+    /// [`EngineError::MissingInput`] without the files; [`EngineError::BadData`] naming the first key that is missing,
+    /// unexpected or of another shape.
+    pub fn load(device: &Device, source: &ClipSource) -> Result<Self, EngineError> {
+        match source {
+            ClipSource::Mini => {
+                let config = include_bytes!("../../assets/mini-clip/config.json");
+                let weights = include_bytes!("../../assets/mini-clip/model.safetensors");
+                Self::from_bytes(device, Path::new("miniature CLIP"), config, weights)
+            }
+            ClipSource::Dir(dir) => {
+                let config = read(&dir.join("config.json"))?;
+                let path = dir.join("model.safetensors");
+                Self::from_bytes(device, &path, &config, &read(&path)?)
+            }
+            ClipSource::Bytes { config, weights } => Self::from_bytes(device, Path::new("CLIP"), config, weights),
+        }
+    }
+
+    fn from_bytes(device: &Device, path: &Path, config: &[u8], weights: &[u8]) -> Result<Self, EngineError> {
+        let config = ClipConfig::from_json(path, config)?;
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(&serde_json::to_vec(&config).expect("a configuration of numbers and strings is valid JSON"));
+        hasher.update(blake3::hash(weights).as_bytes());
+        let weights = Weights::new(TensorFile::from_bytes(path, weights)?, &config)?;
+        Ok(Self { device: device.clone(), config, weights, hash: hasher.finalize() })
+    }
+
+    /// Sizes of both towers.
+    #[must_use]
+    pub fn config(&self) -> &ClipConfig {
+        &self.config
+    }
+
+    /// BLAKE3 over the sizes and the hash of the weights file: what receipts and keys are bound to.
+    #[must_use]
+    pub fn hash(&self) -> blake3::Hash {
+        self.hash
+    }
+
+    /// Puts the image tower on the device.
+    ///
+    /// # Errors
+    /// When memory runs out.
+    pub fn vision(&self, purpose: Purpose) -> Result<VisionTower, EngineError> {
+        VisionTower::load(&self.device, &self.weights, &self.config, purpose)
+    }
+
+    /// Puts the text tower on the device.
+    ///
+    /// # Errors
+    /// When memory runs out.
+    pub fn text(&self) -> Result<TextTower, EngineError> {
+        TextTower::load(&self.device, &self.weights, &self.config)
+    }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, EngineError> {
+    std::fs::read(path).map_err(|source| match source.kind() {
+        std::io::ErrorKind::NotFound => {
+            EngineError::MissingInput { path: path.to_owned(), expected: "a CLIP checkpoint".to_owned() }
+        }
+        _ => EngineError::Io { path: path.to_owned(), source },
+    })
+}

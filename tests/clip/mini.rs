@@ -1,0 +1,143 @@
+//! The miniature CLIP against transformers' outputs and gradients.
+
+use guard4d_engine::clip::{Clip, ClipSource, Purpose};
+use guard4d_engine::tensor_file::{TensorFile, Values};
+
+use crate::support::close::{assert_close, cosine};
+use crate::support::gpu::{Gpu, device};
+use crate::support::shared;
+
+fn fixtures() -> Option<TensorFile> {
+    let path = shared("weights/mini-clip/fixtures/reference.safetensors")?;
+    Some(TensorFile::read(&path).expect("the fixtures can be read"))
+}
+
+fn mini(gpu: &Gpu) -> Clip {
+    Clip::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete")
+}
+
+/// `[B, 3, S, S]` planes as `[B, S, S, 4]` pixels, or the other way round.
+fn pixels_of(planes: &[f32], side: usize) -> Vec<f32> {
+    let area = side * side;
+    let mut pixels = vec![0.0; planes.len() / 3 * 4];
+    for (i, value) in planes.iter().enumerate() {
+        let (image, channel, at) = (i / (3 * area), i / area % 3, i % area);
+        pixels[(image * area + at) * 4 + channel] = *value;
+    }
+    pixels
+}
+
+fn token_ids(file: &TensorFile, name: &str) -> Vec<u32> {
+    match &file.get(name).expect("fixture").values {
+        Values::U32(ids) => ids.clone(),
+        Values::I64(ids) => ids.iter().map(|id| u32::try_from(*id).expect("ids are not negative")).collect(),
+        Values::F32(_) => panic!("{name} holds integers"),
+    }
+}
+
+/// Largest error relative to the row's length, which is 1 for normalised features.
+fn assert_rows_close(got: &[f32], want: &[f32], width: usize) {
+    for (g, w) in got.chunks_exact(width).zip(want.chunks_exact(width)) {
+        let norm = w.iter().map(|v| v * v).sum::<f32>().sqrt();
+        // 2e-4 of the feature's length is the agreement asked for; f32 rounding through four layers stays below it.
+        assert_close(g, w, 2e-4 * norm, 0.0);
+    }
+    assert_eq!(got.len(), want.len(), "rows");
+}
+
+/// Rows divided by their lengths.
+fn unit_rows(x: &[f32], width: usize) -> Vec<f32> {
+    x.chunks_exact(width)
+        .flat_map(|row| {
+            let norm = row.iter().map(|v| v * v).sum::<f32>().sqrt();
+            row.iter().map(move |v| v / norm)
+        })
+        .collect()
+}
+
+#[test]
+fn image_features_match_transformers() {
+    let (Some(gpu), Some(file)) = (device(), fixtures()) else { return };
+    let tower = mini(&gpu).vision(Purpose::Features).expect("tower");
+    let planes = file.floats("pixel_values", &[24, 3, 64, 64]).expect("fixture");
+    let pixels = gpu.buffer_from("pixels", &pixels_of(planes, 64)).expect("buffer");
+    let mut ws = tower.workspace(24).expect("workspace");
+    let mut rec = gpu.recorder().expect("recorder");
+    tower.forward(&mut rec, &pixels, &mut ws).expect("records");
+    rec.submit().expect("runs");
+    let want = file.floats("image_embeds", &[24, 512]).expect("fixture");
+    assert_rows_close(&ws.features.read().expect("read"), &unit_rows(want, 512), 512);
+}
+
+#[test]
+fn pixel_gradients_match_transformers() {
+    let (Some(gpu), Some(file)) = (device(), fixtures()) else { return };
+    let tower = mini(&gpu).vision(Purpose::InputGradient).expect("tower");
+    let planes = &file.floats("pixel_values", &[24, 3, 64, 64]).expect("fixture")[..4 * 3 * 64 * 64];
+    let pixels = gpu.buffer_from("pixels", &pixels_of(planes, 64)).expect("buffer");
+    let v_features = file.floats("v_image_embeds", &[4, 512]).expect("fixture");
+    let v_features = gpu.buffer_from("v_features", v_features).expect("buffer");
+    let mut v_pixels = gpu.buffer_from("v_pixels", &vec![f32::NAN; 4 * 64 * 64 * 4]).expect("buffer");
+    let mut ws = tower.workspace(4).expect("workspace");
+    let mut rec = gpu.recorder().expect("recorder");
+    tower.forward(&mut rec, &pixels, &mut ws).expect("records");
+    tower.backward(&mut rec, &v_features, &mut ws, &mut v_pixels).expect("records");
+    rec.submit().expect("runs");
+    let want = pixels_of(file.floats("v_pixel_values", &[4, 3, 64, 64]).expect("fixture"), 64);
+    let got = v_pixels.read().expect("read");
+    for (g, w) in got.chunks_exact(64 * 64 * 4).zip(want.chunks_exact(64 * 64 * 4)) {
+        let similar = cosine(g, w);
+        assert!(similar > 0.9999, "cosine {similar}");
+        let largest = w.iter().fold(0.0f32, |m, v| m.max(v.abs()));
+        // f32 rounding through eight half-layers and back, relative to the largest entry.
+        assert_close(g, w, 1e-3 * largest, 1e-3);
+    }
+}
+
+#[test]
+fn text_features_match_transformers_without_the_padding() {
+    let (Some(gpu), Some(file)) = (device(), fixtures()) else { return };
+    let tower = mini(&gpu).text().expect("tower");
+    let ids = token_ids(&file, "message_ids");
+    let tokens = 48 + 2;
+    let end = tower.config().begin_and_end().1;
+    let sequences: Vec<u32> = ids.chunks_exact(77).flat_map(|row| row[..tokens].to_vec()).collect();
+    assert!(sequences.chunks_exact(tokens).all(|s| s[tokens - 1] == end), "48 message tokens between begin and end");
+    let got = tower.embed(&sequences, tokens).expect("embeds");
+    let want = file.floats("message_embeds", &[4, 512]).expect("fixture");
+    assert_rows_close(&got.features, &unit_rows(want, 512), 512);
+    let alone = tower.embed(&sequences[tokens..2 * tokens], tokens).expect("embeds");
+    assert_eq!(alone.features, got.features[512..1024], "a sequence does not depend on its neighbours");
+}
+
+#[test]
+fn captions_of_several_lengths_match_transformers() {
+    let (Some(gpu), Some(file)) = (device(), fixtures()) else { return };
+    let tower = mini(&gpu).text().expect("tower");
+    let ids = token_ids(&file, "input_ids");
+    let end = tower.config().begin_and_end().1;
+    let want = unit_rows(file.floats("text_embeds", &[10, 512]).expect("fixture"), 512);
+    for (row, want) in ids.chunks_exact(77).zip(want.chunks_exact(512)) {
+        let tokens = 1 + row.iter().position(|id| *id == end).expect("every caption ends");
+        assert_rows_close(&tower.embed(&row[..tokens], tokens).expect("embeds").features, want, 512);
+    }
+}
+
+#[test]
+fn wrong_inputs_are_refused() {
+    let Some(gpu) = device() else { return };
+    let clip = mini(&gpu);
+    let text = clip.text().expect("tower");
+    assert!(text.embed(&[1, 2, 3], 2).is_err(), "not a multiple");
+    assert!(text.embed(&[49_408], 1).is_err(), "id outside the vocabulary");
+    assert!(text.embed(&[0; 78], 78).is_err(), "too long");
+    let tower = clip.vision(Purpose::Features).expect("tower");
+    let mut ws = tower.workspace(1).expect("workspace");
+    let small = gpu.buffer::<f32>("pixels", 16).expect("buffer");
+    let mut v_pixels = gpu.buffer::<f32>("v_pixels", 64 * 64 * 4).expect("buffer");
+    let v_features = gpu.buffer::<f32>("v_features", 512).expect("buffer");
+    let mut rec = gpu.recorder().expect("recorder");
+    assert!(tower.forward(&mut rec, &small, &mut ws).is_err(), "wrong size");
+    let refused = tower.backward(&mut rec, &v_features, &mut ws, &mut v_pixels);
+    assert!(refused.is_err(), "loaded without gradients");
+}
