@@ -59,9 +59,6 @@ pub(crate) enum Command {
     Inspect(InspectArgs),
     /// Lists the Vulkan devices
     Devices,
-    /// Writes what single kernels compute, for comparison with other implementations
-    #[command(subcommand)]
-    Dump(DumpCommand),
 }
 
 #[derive(Args, Debug)]
@@ -201,9 +198,15 @@ pub(crate) struct VerifyArgs {
     /// Receipt of the embedding; its folder holds the extractor
     #[arg(long)]
     pub(crate) receipt: PathBuf,
+    /// The message claimed, as it was given to `embed`
+    #[arg(long, default_value = "random")]
+    pub(crate) message: String,
     /// The unmarked model, when the owner has it: its clean render is a control
     #[arg(long)]
     pub(crate) original: Option<PathBuf>,
+    /// Views of the unmarked model's control clips
+    #[command(flatten)]
+    pub(crate) views: ViewArgs,
     /// Clips that surely carry no mark, as further controls
     #[arg(long)]
     pub(crate) unrelated: Vec<PathBuf>,
@@ -223,7 +226,7 @@ pub(crate) struct RenderArgs {
     pub(crate) fps: u32,
     /// H.264 quality of a video: 0 best, 51 worst
     #[arg(long, default_value_t = 12)]
-    pub(crate) crf: u32,
+    pub(crate) crf: u8,
     /// Replace what is there
     #[arg(short = 'w', long)]
     pub(crate) overwrite: bool,
@@ -233,61 +236,6 @@ pub(crate) struct RenderArgs {
 pub(crate) struct InspectArgs {
     /// Model folder, PLY, key or receipt
     pub(crate) path: PathBuf,
-}
-
-#[derive(Debug, Subcommand)]
-pub(crate) enum DumpCommand {
-    /// Deformed splats of a model at one time
-    Deform {
-        /// 4DGaussians model folder
-        model: PathBuf,
-        /// Time in [0, 1]
-        #[arg(long)]
-        time: f32,
-        /// safetensors to write
-        #[arg(long)]
-        out: PathBuf,
-    },
-    /// Picture, transmittance and SH gradient of one view
-    Render {
-        /// 4DGaussians model folder or static INRIA PLY
-        model: PathBuf,
-        /// Camera JSON
-        #[arg(long)]
-        camera: PathBuf,
-        /// Time in [0, 1]
-        #[arg(long, default_value_t = 0.0)]
-        time: f32,
-        /// safetensors with `dL_dimage` [H,W,3]
-        #[arg(long)]
-        v_image: Option<PathBuf>,
-        /// safetensors to write
-        #[arg(long)]
-        out: PathBuf,
-    },
-    /// CLIP features and the gradient to the pixels
-    Clip {
-        /// `mini` or a checkpoint folder
-        #[arg(long, default_value = "mini")]
-        clip: String,
-        #[command(flatten)]
-        io: DumpIo,
-    },
-    /// 3D convolution, forward and backward
-    Conv3d(DumpIo),
-    /// SSIM value and gradient
-    Ssim(DumpIo),
-}
-
-/// Input and output of a dump.
-#[derive(Args, Debug)]
-pub(crate) struct DumpIo {
-    /// safetensors to read
-    #[arg(long)]
-    pub(crate) input: PathBuf,
-    /// safetensors to write
-    #[arg(long)]
-    pub(crate) out: PathBuf,
 }
 
 fn parse_size(text: &str) -> Result<(u32, u32), String> {

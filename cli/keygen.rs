@@ -2,6 +2,7 @@
 
 use guard4d_engine::EngineError;
 use guard4d_engine::clip::{Clip, ClipSource};
+use guard4d_engine::output::Existing;
 use guard4d_engine::watermark::key::{Key, KeyReport, read_secret};
 use guard4d_kernels::Device;
 
@@ -13,7 +14,8 @@ pub(crate) fn run(args: &KeygenArgs, common: &Common) -> Result<Outcome, EngineE
     let clip = Clip::load(&device, &ClipSource::from_argument(&args.clip))?;
     let secret = read_secret(args.secret.as_ref())?;
     let (key, report) = Key::generate(&device, &clip, secret, args.bits)?;
-    key.write(&args.out, args.overwrite)?;
+    let existing = if args.overwrite { Existing::Replace } else { Existing::Refuse };
+    key.write(&args.out, existing)?;
     print(common, &report, human)?;
     if !common.quiet {
         eprintln!("wrote {}; keep it private: whoever has it can write and read your marks", args.out.display());
@@ -28,11 +30,21 @@ fn human(report: &KeyReport) -> String {
         ("bits", report.bits.to_string()),
         (
             "spectrum",
-            format!("{:.4} (1st)  {:.4} (8th)  {:.4} ({}th, the weakest needed)", at(1), at(8), at(report.bits), report.bits),
+            format!(
+                "{:.4} (1st)  {:.4} (8th)  {:.4} ({}th, the weakest needed)",
+                at(1),
+                at(8),
+                at(report.bits),
+                report.bits
+            ),
         ),
         (
             "held-out messages",
-            format!("{:.3} % of bits, {:.2} % of messages", 100.0 * report.held_out_accuracy, 100.0 * report.held_out_exact),
+            format!(
+                "{:.3} % of bits, {:.2} % of messages",
+                100.0 * report.held_out_accuracy,
+                100.0 * report.held_out_exact
+            ),
         ),
         ("seconds", format!("{:.1}", report.seconds)),
     ])

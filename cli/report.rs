@@ -1,6 +1,10 @@
 //! What a command leaves behind: an exit code, and its result as a table or as JSON.
 
+use std::collections::BTreeMap;
+
 use guard4d_engine::EngineError;
+use guard4d_engine::watermark::evaluate::Evaluation;
+use guard4d_engine::watermark::evidence::ExtractorMode;
 use serde::Serialize;
 
 use crate::args::Common;
@@ -51,4 +55,31 @@ pub(crate) fn print<T: Serialize>(
 pub(crate) fn table(rows: &[(&str, String)]) -> String {
     let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     rows.iter().map(|(name, value)| format!("  {name:width$}  {value}")).collect::<Vec<_>>().join("\n")
+}
+
+/// What an evaluation on held-out frames says, for people.
+pub(crate) fn evaluation_rows(e: &Evaluation, seconds: &BTreeMap<String, f64>) -> Vec<(&'static str, String)> {
+    let percent = |v: f64| format!("{:.1} %", 100.0 * v);
+    let stages: Vec<String> = seconds.iter().map(|(stage, s)| format!("{stage} {s:.1}")).collect();
+    vec![
+        ("extractor", format!("{:?}", e.mode).to_lowercase()),
+        ("evidence", evidence_in_words(e.mode).to_owned()),
+        ("bits right, marked clips", format!("{} of {} clips x {} bits", percent(e.marked), e.clips, e.bits)),
+        ("bits right, single frames", percent(e.marked_frames)),
+        ("clean control (50 % is chance)", percent(e.clean)),
+        ("noisy control (50 % is chance)", percent(e.noisy)),
+        ("PSNR whole frame", format!("{:.2} dB", e.psnr.mean_of_views_db.0)),
+        ("PSNR object only", format!("{:.2} dB", e.foreground_psnr.mean_of_views_db.0)),
+        ("SSIM", format!("{:.4}", e.ssim)),
+        ("seconds", stages.join(", ")),
+    ]
+}
+
+/// What kind of evidence a mode can give.
+pub(crate) fn evidence_in_words(mode: ExtractorMode) -> &'static str {
+    if mode.is_message_blind() {
+        "exact p-value: the extractor never saw the message"
+    } else {
+        "empirical only: the extractor was trained with the message and may hold it itself"
+    }
 }

@@ -3,6 +3,7 @@
 
 pub mod clip;
 pub mod deform;
+pub mod demo;
 pub mod error;
 pub mod media;
 pub mod output;

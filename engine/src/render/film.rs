@@ -2,10 +2,10 @@
 
 use guard4d_kernels::Device;
 
-use super::{FrameMut, Offsets, Prune, Renderer};
+use super::{FrameMut, Prune, Renderer};
 use crate::deform::DeformField;
 use crate::error::EngineError;
-use crate::scene::{CameraSet, DeformationWeights, Gaussians};
+use crate::scene::{Camera, DeformationWeights, Gaussians};
 
 /// A scene that is rendered from many cameras once each.
 #[derive(Debug)]
@@ -31,27 +31,26 @@ impl Film {
         Ok(Self { device: device.clone(), field, renderer: Renderer::new(device)?, background })
     }
 
-    /// Renders every (view, time) in order and hands each frame on: view, index of its time, pixels
+    /// Renders every frame of every clip in order and hands it on: number of the clip, camera, pixels
     /// `[H,W,4]` (rgb not clamped, then the final transmittance).
     ///
     /// # Errors
     /// When the device fails, or `each` does.
     pub fn shoot(
         &mut self,
-        cameras: &CameraSet,
-        offsets: Option<Offsets<'_>>,
-        mut each: impl FnMut(usize, usize, &[f32]) -> Result<(), EngineError>,
+        clips: &[Vec<(Camera, f32)>],
+        mut each: impl FnMut(usize, &Camera, &[f32]) -> Result<(), EngineError>,
     ) -> Result<(), EngineError> {
-        for (v, view) in cameras.views.iter().enumerate() {
-            for (t, &time) in view.times.iter().enumerate() {
-                let state = self.field.at(time)?;
-                let plan = self.renderer.plan(&state, &view.camera, Prune::Keep)?;
-                let mut clip = self.device.buffer("film.frame", plan.frame_len())?;
+        for (number, clip) in clips.iter().enumerate() {
+            for (camera, time) in clip {
+                let state = self.field.at(*time)?;
+                let plan = self.renderer.plan(&state, camera, Prune::Keep)?;
+                let mut pixels = self.device.buffer("film.frame", plan.frame_len())?;
                 let mut rec = self.device.recorder()?;
-                let frame = FrameMut { clip: &mut clip, index: 0 };
-                self.renderer.forward(&mut rec, &plan, offsets, self.background, frame)?;
+                let frame = FrameMut { clip: &mut pixels, index: 0 };
+                self.renderer.forward(&mut rec, &plan, None, self.background, frame)?;
                 rec.submit()?;
-                each(v, t, &clip.read()?)?;
+                each(number, camera, &pixels.read()?)?;
             }
         }
         Ok(())

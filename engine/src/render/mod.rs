@@ -11,10 +11,10 @@ use guard4d_kernels::splat::sh::{self, ShInputs};
 use guard4d_kernels::splat::tile_bin::TileBinner;
 use guard4d_kernels::{Buffer, Device, Recorder};
 
+pub use film::Film;
 pub use guard4d_kernels::splat::rasterize::{Frame, FrameMut};
 pub use guard4d_kernels::splat::sh::OffsetBases;
 pub use guard4d_kernels::splat::tile_bin::Prune;
-pub use film::Film;
 pub use plan::FramePlan;
 
 use crate::deform::SplatState;

@@ -64,7 +64,8 @@ impl Calibration {
         let not_finite = |what: &str| EngineError::NotFinite { what: what.to_owned(), got: f64::NAN };
         let cholesky = noise.cholesky().ok_or_else(|| not_finite("image features of the unmarked clips"))?;
         // With the content whitened (w = L⁻¹ r), the problem is the responses' own Gram matrix.
-        let whitened = cholesky.l().solve_lower_triangular(&responses.transpose()).ok_or_else(|| not_finite("content"))?;
+        let whitened =
+            cholesky.l().solve_lower_triangular(&responses.transpose()).ok_or_else(|| not_finite("content"))?;
         let gram = whitened.tr_mul(&whitened) / responses.nrows().max(1) as f64;
         let eigen = SymmetricEigen::new(gram);
         let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();

@@ -123,7 +123,13 @@ impl Decoder {
             let Linear { weight, bias, outputs, inputs } = &weights.layers[i];
             Ok(FrozenLinear {
                 weight: PackedWeight::new(device, &format!("decoder.{i}.weight"), weight, *outputs, *inputs)?,
-                weight_t: PackedWeight::transposed(device, &format!("decoder.{i}.weight_t"), weight, *inputs, *outputs)?,
+                weight_t: PackedWeight::transposed(
+                    device,
+                    &format!("decoder.{i}.weight_t"),
+                    weight,
+                    *inputs,
+                    *outputs,
+                )?,
                 bias: device.buffer_from(&format!("decoder.{i}.bias"), bias)?,
             })
         };

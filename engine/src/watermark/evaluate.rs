@@ -15,7 +15,7 @@ use crate::clip::Clip;
 use crate::error::EngineError;
 use crate::media::Frame;
 use crate::render::Film;
-use crate::scene::{CameraSet, Gaussians, Model};
+use crate::scene::{Camera, CameraSet, Gaussians, Model};
 
 /// A pixel belongs to the object when less light than this comes from behind it.
 const FOREGROUND_TRANSMITTANCE: f32 = 0.5;
@@ -62,41 +62,28 @@ pub struct Evaluation {
 }
 
 impl HeldOut {
-    /// Renders `cameras` from the clean and the marked scene.
+    /// Films `cameras` in the clean and in the marked scene.
     ///
     /// # Errors
     /// When the device fails.
-    pub fn shoot(
-        device: &Device,
-        model: &Model,
-        marked_sh: &[f32],
-        cameras: &CameraSet,
-    ) -> Result<Self, EngineError> {
-        let mut clean = Vec::new();
-        shoot(device, model, &model.gaussians, cameras, |pixels| clean.push(pixels))?;
+    pub fn shoot(device: &Device, model: &Model, marked_sh: &[f32], cameras: &CameraSet) -> Result<Self, EngineError> {
+        let clips = cameras.clips();
+        let clean_frames = film(device, model, &model.gaussians, &clips)?;
         let gaussians = Gaussians { sh_coeffs: marked_sh.to_vec(), ..model.gaussians.clone() };
-        let mut marked = Vec::new();
-        shoot(device, model, &gaussians, cameras, |pixels| marked.push(pixels))?;
-        let size = |v: usize| (cameras.views[v].camera.width, cameras.views[v].camera.height);
-        let mut out = Self { marked: Vec::new(), clean: Vec::new(), errors: Vec::new(), ssim: Vec::new() };
-        let mut pairs = clean.iter().zip(&marked);
-        for (v, view) in cameras.views.iter().enumerate() {
-            let (width, height) = size(v);
-            let (mut marked_clip, mut clean_clip) = (Vec::new(), Vec::new());
-            for (clean, marked) in pairs.by_ref().take(view.times.len()) {
-                let frame = Frame::from_rgba32f(width, height, marked)?;
-                let clamped: Vec<f32> = clean.iter().map(|v| v.clamp(0.0, 1.0)).collect();
-                let reference = Picture::from_rgba32f(width, height, &clamped)?;
-                let picture = Picture::from_frame(&frame);
-                let mask = foreground(clean.iter().skip(3).step_by(4).copied(), FOREGROUND_TRANSMITTANCE);
-                let whole = SquaredError::between(&picture, &reference)?;
-                out.errors.push((whole, SquaredError::within(&picture, &reference, &mask)?));
-                out.ssim.push(ssim(&picture, &reference)?);
-                clean_clip.push(Frame::from_rgba32f(width, height, clean)?);
-                marked_clip.push(frame);
-            }
-            out.marked.push(marked_clip);
-            out.clean.push(clean_clip);
+        let marked_frames = film(device, model, &gaussians, &clips)?;
+        let empty = || vec![Vec::new(); clips.len()];
+        let mut out = Self { marked: empty(), clean: empty(), errors: Vec::new(), ssim: Vec::new() };
+        for ((number, width, height, clean), (.., marked)) in clean_frames.into_iter().zip(marked_frames) {
+            let frame = Frame::from_rgba32f(width, height, &marked)?;
+            let clamped: Vec<f32> = clean.iter().map(|v| v.clamp(0.0, 1.0)).collect();
+            let reference = Picture::from_rgba32f(width, height, &clamped)?;
+            let picture = Picture::from_frame(&frame);
+            let mask = foreground(clean.iter().skip(3).step_by(4).copied(), FOREGROUND_TRANSMITTANCE);
+            let whole = SquaredError::between(&picture, &reference)?;
+            out.errors.push((whole, SquaredError::within(&picture, &reference, &mask)?));
+            out.ssim.push(ssim(&picture, &reference)?);
+            out.clean[number].push(Frame::from_rgba32f(width, height, &clean)?);
+            out.marked[number].push(frame);
         }
         Ok(out)
     }
@@ -168,25 +155,27 @@ pub fn mean_accuracy(readings: &[Reading], message: &Message) -> Result<f64, Eng
     Ok(sum / readings.len().max(1) as f64)
 }
 
-fn shoot(
+/// Number of its clip, width, height and pixels `[H,W,4]` of one frame.
+type Shot = (usize, u32, u32, Vec<f32>);
+
+fn film(
     device: &Device,
     model: &Model,
     gaussians: &Gaussians,
-    cameras: &CameraSet,
-    mut keep: impl FnMut(Vec<f32>),
-) -> Result<(), EngineError> {
+    clips: &[Vec<(Camera, f32)>],
+) -> Result<Vec<Shot>, EngineError> {
+    let mut shots = Vec::new();
     let mut film = Film::new(device, gaussians, model.deformation.as_ref(), model.background)?;
-    film.shoot(cameras, None, |_, _, pixels| {
-        keep(pixels.to_vec());
+    film.shoot(clips, |number, camera, pixels| {
+        shots.push((number, camera.width, camera.height, pixels.to_vec()));
         Ok(())
-    })
+    })?;
+    Ok(shots)
 }
 
 /// An 8-bit frame with Gaussian noise, rounded again.
 #[allow(clippy::cast_possible_truncation, reason = "colours are single precision")]
 fn with_noise(frame: &Frame, rng: &mut ChaCha20Rng) -> Result<Frame, EngineError> {
-    let pixels: Vec<f32> =
-        frame.to_rgba32f().iter().map(|v| v + (NOISE_SIGMA * standard_normal(rng)) as f32).collect();
+    let pixels: Vec<f32> = frame.to_rgba32f().iter().map(|v| v + (NOISE_SIGMA * standard_normal(rng)) as f32).collect();
     Frame::from_rgba32f(frame.width(), frame.height(), &pixels)
 }
-

@@ -233,9 +233,8 @@ fn vocabulary(clip: &Clip) -> Vocabulary {
 /// Training messages, then held-out ones; no message is in both parts.
 fn draw_messages(prf: &Prf, bits: u32) -> Result<Vec<Message>, EngineError> {
     let mut rng = prf.stream(Purpose::DecoderTraining, 0);
-    let mut messages = (0..TRAINING_MESSAGES)
-        .map(|_| Message::random(bits, &mut rng))
-        .collect::<Result<Vec<_>, _>>()?;
+    let mut messages =
+        (0..TRAINING_MESSAGES).map(|_| Message::random(bits, &mut rng)).collect::<Result<Vec<_>, _>>()?;
     let seen: std::collections::HashSet<Message> = messages.iter().copied().collect();
     // 8-bit messages are all seen in training; then the held-out set can only repeat them.
     let all_seen = bits < 32 && seen.len() as u64 == 1 << bits;

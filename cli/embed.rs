@@ -1,0 +1,132 @@
+//! `guard4d embed`
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use guard4d_engine::EngineError;
+use guard4d_engine::clip::{Clip, ClipSource};
+use guard4d_engine::output::{AtomicDir, Existing};
+use guard4d_engine::scene::Model;
+use guard4d_engine::watermark::delivery::{self, Delivery};
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, Subject};
+use guard4d_engine::watermark::evidence::ExtractorMode;
+use guard4d_engine::watermark::key::Key;
+use guard4d_engine::watermark::message::Payload;
+use guard4d_engine::watermark::undo;
+use guard4d_kernels::Device;
+
+use crate::args::{Common, EmbedArgs, ExtractorArg, ProfileArg};
+use crate::progress::bar;
+use crate::report::{Outcome, evaluation_rows, print, table};
+use crate::views::cameras;
+
+/// Set by Ctrl-C and SIGTERM; the loop looks at it after every step.
+static STOP: AtomicBool = AtomicBool::new(false);
+
+pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineError> {
+    let existing = if args.overwrite { Existing::Replace } else { Existing::Refuse };
+    if let Some(file) = &args.undo {
+        undo::restore(&args.model, file, &args.out, existing)?;
+        return Ok(Outcome::Done);
+    }
+    let out = AtomicDir::create(&args.out, existing)?;
+    let device = Device::open(&common.device)?;
+    let clip = Clip::load(&device, &ClipSource::from_argument(&args.clip))?;
+    let key_path = args.key.as_ref().expect("clap requires it without --undo");
+    let key = Key::read(key_path, &clip)?;
+    let model = Model::open(&args.model)?;
+    for warning in model.warnings.iter().filter(|_| !common.quiet) {
+        eprintln!("note: {warning}");
+    }
+    let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
+    let message = Payload::parse(&args.message, bits)?.message(&key.prf())?;
+    let config = config(args);
+    let subject = Subject { device: &device, clip: &clip, key: &key, model: &model, message: &message };
+    let checkpoint = checkpoint_path(&args.out);
+    let mut embedding = Embedding::prepare(subject, config.clone())?;
+    if args.resume {
+        embedding.restore(&checkpoint)?;
+    }
+    let embedded = train(embedding, &config, common, Some((&checkpoint, args.checkpoint_every)))?;
+    let cameras = cameras(&args.views)?;
+    let delivery = Delivery { subject, config: &config, embedded: &embedded, input: &args.model };
+    let evaluation = delivery::write(out.path(), &delivery, &cameras)?;
+    out.commit()?;
+    remove_checkpoint(&checkpoint);
+    print(common, &evaluation, |e| table(&evaluation_rows(e, &embedded.seconds)))?;
+    Ok(Outcome::Done)
+}
+
+/// The profile's numbers with what flags change.
+fn config(args: &EmbedArgs) -> EmbedConfig {
+    let profile = match args.profile {
+        ProfileArg::Draft => Profile::Draft,
+        ProfileArg::Balanced => Profile::Balanced,
+    };
+    let mode = match args.extractor {
+        ExtractorArg::None => ExtractorMode::None,
+        ExtractorArg::Blind => ExtractorMode::Blind,
+        ExtractorArg::Joint => ExtractorMode::Joint,
+    };
+    let mut config = EmbedConfig { seed: args.seed, size_px: args.views.size, ..EmbedConfig::new(profile, mode) };
+    config.radius = f64::from(args.views.radius);
+    config.fov_deg = f64::from(args.views.fov);
+    if let Some(steps) = args.steps {
+        config.steps = steps as usize;
+    }
+    if let Some(target) = args.target_psnr {
+        config.target_psnr = target;
+    }
+    config
+}
+
+/// Steps until done or stopped; with a checkpoint file, a stop leaves a valid one.
+pub(crate) fn train(
+    mut embedding: Embedding<'_>,
+    config: &EmbedConfig,
+    common: &Common,
+    checkpoint: Option<(&Path, u64)>,
+) -> Result<Embedded, EngineError> {
+    // A handler can be set once; a second embedding in one process keeps the first.
+    let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::SeqCst));
+    let progress = bar(common, config.steps as u64);
+    let mut saved = Instant::now();
+    while let Some(report) = embedding.step()? {
+        progress.set_position(embedding.step_number() as u64);
+        progress.set_message(format!(
+            "loss {:.3}  bits {:.0} %  {:.1} dB",
+            report.message,
+            100.0 * report.bit_accuracy,
+            -10.0 * report.mse.max(f32::MIN_POSITIVE).log10()
+        ));
+        let Some((path, every)) = checkpoint else { continue };
+        let stop = STOP.load(Ordering::SeqCst);
+        if stop || saved.elapsed() >= Duration::from_secs(every) {
+            embedding.save(path)?;
+            saved = Instant::now();
+        }
+        if stop {
+            progress.abandon();
+            return Err(EngineError::Interrupted { checkpoint: path.to_owned() });
+        }
+    }
+    progress.finish_and_clear();
+    embedding.finish()
+}
+
+/// Beside the output folder, so that an unfinished run leaves nothing in it.
+fn checkpoint_path(out: &Path) -> PathBuf {
+    let mut name = out.file_name().unwrap_or_default().to_owned();
+    name.push(".checkpoint.safetensors");
+    out.with_file_name(name)
+}
+
+/// A finished run's checkpoint has no use; one that cannot be removed does no harm.
+fn remove_checkpoint(path: &Path) {
+    if let Err(error) = std::fs::remove_file(path)
+        && error.kind() != std::io::ErrorKind::NotFound
+    {
+        tracing::warn!("{}: {error}", path.display());
+    }
+}

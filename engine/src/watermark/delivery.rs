@@ -1,0 +1,131 @@
+//! What an embedding leaves behind: the marked model to hand out, and the private files to keep.
+//!
+//! `marked/` is the model; `private/` holds extractor, undo file and receipt; `preview/` has a clip of frames.
+
+use std::path::Path;
+
+use serde_json::to_value;
+
+use super::embed::{EmbedConfig, Embedded, Subject};
+use super::evaluate::{Evaluation, HeldOut};
+use super::evidence::Thresholds;
+use super::extractor::PREPROCESS;
+use super::receipt::{
+    BitAccuracies, DeviceRecord, Figures, FileRecord, Promise, Receipt, ReceiptBody, Repeatability, Tool,
+};
+use super::{digest::Digest, undo};
+use crate::error::EngineError;
+use crate::media::frames::write_png_folder;
+use crate::output::Existing;
+use crate::scene::CameraSet;
+
+/// Folder of the marked model.
+pub const MARKED: &str = "marked";
+/// Folder of the private files.
+pub const PRIVATE: &str = "private";
+/// Extractor in [`PRIVATE`].
+pub const EXTRACTOR: &str = "extractor.safetensors";
+/// Receipt in [`PRIVATE`].
+pub const RECEIPT: &str = "receipt.json";
+/// Undo file in [`PRIVATE`].
+pub const UNDO: &str = "undo.safetensors";
+/// False-positive rate asked for by messages too short for the default one.
+const SHORT_MESSAGE_FPR: f64 = 1e-3;
+/// Bits from which the default rate can be reached (method: 32 bits reach 1e-6).
+const LONG_MESSAGE_BITS: usize = 32;
+
+/// A finished embedding on its way to disk.
+#[derive(Debug)]
+pub struct Delivery<'a> {
+    /// What was embedded where.
+    pub subject: Subject<'a>,
+    /// Settings.
+    pub config: &'a EmbedConfig,
+    /// Result.
+    pub embedded: &'a Embedded,
+    /// Path of the unmarked model.
+    pub input: &'a Path,
+}
+
+/// The decision rule that goes with a message length.
+#[must_use]
+pub fn thresholds(bits: usize) -> Thresholds {
+    let default = Thresholds::default();
+    if bits >= LONG_MESSAGE_BITS { default } else { Thresholds { fpr: SHORT_MESSAGE_FPR, ..default } }
+}
+
+/// Writes everything into the existing folder `out`, the receipt last, and evaluates the mark on `cameras`.
+///
+/// # Errors
+/// [`EngineError::Io`] naming the file; when the device fails.
+pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result<Evaluation, EngineError> {
+    let Delivery { subject, config, embedded, input } = delivery;
+    let device = subject.device;
+    let held_out = HeldOut::shoot(device, subject.model, &embedded.sh_coeffs, cameras)?;
+    let evaluation = held_out.evaluate(device, subject.clip, subject.key, &embedded.extractor, subject.message)?;
+    let written = subject.model.write_marked(&out.join(MARKED), &embedded.sh_coeffs)?;
+    let private = out.join(PRIVATE);
+    std::fs::create_dir_all(&private).map_err(|source| EngineError::Io { path: private.clone(), source })?;
+    embedded.extractor.write(&private.join(EXTRACTOR), subject.key, Existing::Refuse)?;
+    undo::write(&private.join(UNDO), subject.model, &embedded.sh_coeffs)?;
+    if let Some(clip) = held_out.marked.first() {
+        write_png_folder(&out.join("preview"), clip)?;
+    }
+    let marked = written.marked.to_string_lossy().replace('\\', "/");
+    let original = FileRecord { path: marked.clone(), blake3: Digest::of(subject.model.ply().bytes()) };
+    let info = device.info();
+    let body = ReceiptBody {
+        tool: Tool::current(),
+        promise: promise(delivery)?,
+        inputs: vec![original],
+        outputs: vec![FileRecord::of(&out.join(MARKED), &marked)?],
+        settings: serde_json::json!({
+            "input": input.file_name().map(|n| n.to_string_lossy()),
+            "embed": to_value(config).unwrap_or_default(),
+            "steps_taken": embedded.steps,
+        }),
+        figures: figures(&evaluation),
+        seconds: embedded.seconds.clone(),
+        device: DeviceRecord {
+            name: info.name.clone(),
+            driver: info.driver.clone(),
+            api_version: "1.2".to_owned(),
+            repeatability: Repeatability::SameBytes,
+        },
+    };
+    Receipt::seal(body)?.write(&private.join(RECEIPT))?;
+    Ok(evaluation)
+}
+
+fn promise(delivery: &Delivery<'_>) -> Result<Promise, EngineError> {
+    let Subject { key, message, .. } = delivery.subject;
+    let prf = key.prf();
+    let extractor = &delivery.embedded.extractor;
+    Ok(Promise {
+        key_id: prf.key_id(),
+        num_bits: message.num_bits(),
+        message_mac: message.commitment(&prf),
+        token_table: key.table.digest(),
+        decoder: key.decoder_digest(),
+        extractor_mode: extractor.mode,
+        extractor: Some(extractor.digest(key)?),
+        clip: key.clip,
+        preprocess: PREPROCESS.to_owned(),
+        thresholds: thresholds(key.bits()),
+    })
+}
+
+fn figures(evaluation: &Evaluation) -> Figures {
+    Figures {
+        psnr: evaluation.psnr.clone(),
+        foreground_psnr: Some(evaluation.foreground_psnr.clone()),
+        ssim: evaluation.ssim,
+        lpips: None,
+        bit_accuracy: BitAccuracies {
+            frame: evaluation.marked_frames,
+            clip: evaluation.marked,
+            clean: Some(evaluation.clean),
+            noisy: Some(evaluation.noisy),
+        },
+    }
+}
