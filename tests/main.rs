@@ -2,6 +2,7 @@
 
 #![allow(clippy::cast_possible_truncation, reason = "test sizes are small")]
 
+mod assets;
 mod clip;
 mod kernels;
 mod media;
