@@ -2,9 +2,11 @@
 
 #![allow(clippy::cast_possible_truncation, reason = "test sizes are small")]
 
+mod assets;
 mod clip;
 mod kernels;
 mod media;
+mod render;
 mod scene;
 mod support;
 mod tidy;

@@ -2,9 +2,11 @@
 #![forbid(unsafe_code)]
 
 pub mod clip;
+pub mod deform;
 pub mod error;
 pub mod media;
 pub mod output;
+pub mod render;
 pub mod scene;
 pub mod tensor_file;
 pub mod watermark;

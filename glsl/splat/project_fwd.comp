@@ -76,7 +76,7 @@ void main() {
     float det = dot(minors, minors) + blur * (g.x + g.z) + blur * blur;
     vec3 cov = g + vec3(blur, 0.0, blur);
     vec3 conic = vec3(cov.z, -cov.y, cov.x) / det * unit;
-    vec2 mean2d = vec2(p.fx * view.x, p.fy * view.y) / view.z + vec2(p.cx, p.cy) - 0.5;
+    vec2 mean2d = vec2(p.fx * view.x, p.fy * view.y) / view.z + vec2(p.cx, p.cy);
     float opacity = 1.0 / (1.0 + exp(-mean.w));
     vec4 shape = vec4(mean2d, conic.x * (-0.5 * LOG2_E), conic.y * -LOG2_E);
     float shape_c = conic.z * (-0.5 * LOG2_E);

@@ -1,6 +1,7 @@
 //! Vulkan compute kernels of guard4d: GLSL sources compiled at build time, typed host wrappers, CPU twins.
 
 pub mod error;
+pub mod image;
 pub mod loss;
 pub mod nn;
 pub mod optim;

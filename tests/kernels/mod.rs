@@ -1,5 +1,6 @@
 //! Kernel tests, one file per op, in the folders of `glsl/`.
 
+mod image;
 mod loss;
 mod nn;
 mod optim;

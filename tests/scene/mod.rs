@@ -2,9 +2,13 @@
 
 use guard4d_engine::EngineError;
 
+mod camera;
+mod cfg_args;
 mod fixture;
 mod model;
+mod output;
 mod ply;
+mod pth;
 
 /// Field, got and expected of a [`EngineError::BadData`]; its exit code is checked on the way.
 fn bad_data<T: std::fmt::Debug>(result: Result<T, EngineError>) -> [String; 3] {

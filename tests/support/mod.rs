@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each helper serves some of the tests")]
 
 pub(crate) mod close;
+pub(crate) mod golden;
 pub(crate) mod gpu;
 pub(crate) mod gradcheck;
 pub(crate) mod pth_builder;

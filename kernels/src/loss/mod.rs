@@ -1,3 +1,73 @@
-//! Losses.
+//! Losses: value and gradient in one go. Values stay on the device, one slot per loss.
 
 pub mod bce;
+pub mod l1;
+pub mod mse;
+pub mod offset_penalty;
+pub mod ssim;
+pub mod sum;
+
+use crate::shape::{Accumulate, dim, expect_len};
+use crate::{Buffer, KernelError};
+
+/// Where a loss leaves its value, and how its gradient enters the sum.
+#[derive(Debug)]
+pub struct Term<'a> {
+    /// Values of all losses of a step; read once when they are wanted.
+    pub values: &'a mut Buffer<f32>,
+    /// Element of `values` that this loss overwrites with its unweighted value.
+    pub slot: usize,
+    /// Factor on the gradient.
+    pub weight: f32,
+    /// Whether the gradient replaces its buffer's content or joins it.
+    pub accumulate: Accumulate,
+}
+
+impl Term<'_> {
+    fn slot(&self, kernel: &'static str) -> Result<u32, KernelError> {
+        if self.slot < self.values.len() {
+            return Ok(dim(self.slot));
+        }
+        Err(KernelError::Shape {
+            kernel,
+            buffer: "values",
+            got: format!("[{}]", self.values.len()),
+            expected: format!("more than {} elements", self.slot),
+        })
+    }
+}
+
+/// Two runs of pixels that are compared.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelPair<'a> {
+    /// Image or clip that gets the gradient.
+    pub image: &'a Buffer<f32>,
+    /// First pixel of it.
+    pub image_px: usize,
+    /// What it is compared with.
+    pub reference: &'a Buffer<f32>,
+    /// First pixel of it.
+    pub reference_px: usize,
+    /// Pixels compared.
+    pub num_px: usize,
+}
+
+impl PixelPair<'_> {
+    fn check(&self, kernel: &'static str, v_image: &Buffer<f32>) -> Result<(), KernelError> {
+        expect_len(kernel, "v_image", v_image, self.image.len())?;
+        for (name, buffer, first) in
+            [("image", self.image, self.image_px), ("reference", self.reference, self.reference_px)]
+        {
+            let end = (first + self.num_px) * crate::image::CHANNELS;
+            if buffer.len() < end {
+                return Err(KernelError::Shape {
+                    kernel,
+                    buffer: name,
+                    got: format!("[{}]", buffer.len()),
+                    expected: format!("at least [{end}]"),
+                });
+            }
+        }
+        Ok(())
+    }
+}

@@ -14,7 +14,7 @@ pub struct View {
     pub world_to_camera: [[f32; 4]; 3],
     /// Focal lengths in px.
     pub focal: [f32; 2],
-    /// Principal point in px, image corner at 0.
+    /// Principal point in px, pixel centres at whole numbers: (W-1)/2, (H-1)/2 when symmetric.
     pub centre: [f32; 2],
     /// Image width in px.
     pub width: u32,

@@ -1,10 +1,12 @@
 """Writes tests/golden/clip_vit_b32.safetensors: a ViT-B/32-shaped CLIP image tower with formula weights.
 
 The weights are too large for the repository, so every tensor is computed from its name by `formula`; the Rust test
-computes the same ones. Run from the repository root:
-    OMP_NUM_THREADS=1 python3 tests/golden/generate/clip_vit_b32.py
+computes the same ones. Run in this folder:
+    OMP_NUM_THREADS=1 python3 -B clip_vit_b32.py
 Made with transformers 5.23 and torch 2.15 on a CPU, in float64, stored as float32.
 """
+
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -72,7 +74,7 @@ def main():
     out = {k: np.ascontiguousarray(v.detach().numpy().astype(np.float32)) for k, v in out.items()}
     for name, value in out.items():
         print(name, value.shape, float(np.abs(value).max()))
-    save_file(out, "tests/golden/clip_vit_b32.safetensors")
+    save_file(out, Path(__file__).parents[1] / "clip_vit_b32.safetensors")
 
 
 if __name__ == "__main__":

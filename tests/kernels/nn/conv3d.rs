@@ -6,18 +6,14 @@ use guard4d_kernels::nn::conv3d::{
 };
 use guard4d_kernels::reference::nn::conv3d as twin;
 use guard4d_kernels::shape::{Accumulate, ClipShape};
-use guard4d_kernels::{Buffer, KernelError, Recorder};
+use guard4d_kernels::{Buffer, KernelError};
 
+use super::{dot, run, unwritten, upload};
 use crate::support::close::assert_close;
+use crate::support::golden::Golden;
 use crate::support::gpu::{Gpu, device};
 use crate::support::gradcheck::gradcheck;
 use crate::support::random::Random;
-
-fn run(gpu: &Gpu, record: impl FnOnce(&mut Recorder) -> Result<(), KernelError>) {
-    let mut rec = gpu.recorder().expect("recorder");
-    record(&mut rec).expect("records");
-    rec.submit().expect("runs");
-}
 
 fn layer(shape: [usize; 3], channels: [usize; 2], time: Padding, space: Padding) -> Conv3d {
     Conv3d {
@@ -44,10 +40,6 @@ fn twin_of(conv: &Conv3d) -> twin::Conv3d {
         time: padding(conv.time),
         space: padding(conv.space),
     }
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
 const PADDINGS: [(Padding, Padding); 3] =
@@ -104,43 +96,49 @@ impl Case {
         packed
     }
 
-    fn check(&self, gpu: &Gpu) {
+    /// Output and gradients `[y, v_x, v_weight, v_bias]`; the weight gradient is added to `before`.
+    fn on_gpu(&self, gpu: &Gpu, gate: Option<&Buffer<f32>>, before: f32) -> [Vec<f32>; 4] {
         let conv = &self.conv;
-        let reference = twin_of(conv);
-        let pixels = conv.shape.pixels();
-        let (ni, no) = (conv.in_channels, conv.out_channels);
-        let x = gpu.buffer_from("x", &self.x).expect("buffer");
-        let weight = gpu.buffer_from("weight", &self.packed()).expect("buffer");
-        let v_y = gpu.buffer_from("v_y", &self.v_y).expect("buffer");
-        let mut y = gpu.buffer("y", pixels * no).expect("buffer");
-        let mut v_x = gpu.buffer("v_x", pixels * ni).expect("buffer");
-        let mut v_weight = gpu.buffer_from("v_weight", &vec![1.0; conv.weight_len()]).expect("buffer");
+        let x = upload(gpu, &self.x);
+        let weight = upload(gpu, &self.packed());
+        let v_y = upload(gpu, &self.v_y);
+        let mut y = unwritten(gpu, self.v_y.len());
+        let mut v_x = unwritten(gpu, self.x.len());
+        let mut v_weight = upload(gpu, &vec![before; conv.weight_len()]);
         let mut scratch = Conv3dScratch::new(gpu, conv).expect("scratch");
         run(gpu, |rec| {
             forward(rec, conv, &x, &weight, &mut y)?;
-            let from = InputGradient { v_y: &v_y, weight: &weight, gate: Some(&x) };
+            let from = InputGradient { v_y: &v_y, weight: &weight, gate };
             backward_input(rec, conv, from, &mut v_x, &mut scratch)?;
             let pass = WeightGradient { x: &x, v_y: &v_y, v_weight: &mut v_weight, accumulate: Accumulate::Add };
             backward_weight(rec, conv, pass, &mut scratch)
         });
+        let v_weight: Vec<f32> = v_weight.read().expect("read").iter().map(|v| v - before).collect();
+        let v_bias = v_weight[v_weight.len() - self.bias.len()..].to_vec();
+        let v_weight = conv.unpack(&v_weight, conv.in_channels, conv.out_channels);
+        [y.read().expect("read"), v_x.read().expect("read"), v_weight, v_bias]
+    }
 
-        let bias = if self.bias.is_empty() { vec![0.0; no] } else { self.bias.clone() };
+    fn check(&self, gpu: &Gpu) {
+        let conv = &self.conv;
+        let reference = twin_of(conv);
+        let [y, v_x, v_weight, v_bias] = self.on_gpu(gpu, Some(&upload(gpu, &self.x)), 1.0);
+        let bias = if self.bias.is_empty() { vec![0.0; conv.out_channels] } else { self.bias.clone() };
         let mut want = reference.forward(&self.x, &self.weight, &bias);
         if conv.activation == Activation::Relu {
             twin::relu(&mut want);
         }
         // Up to 864 products of size 0.2 in another order, sums up to 6: a few 2^-24 * 6 * 864^0.5.
-        assert_close(&y.read().expect("read"), &want, 1e-5, 1e-5);
+        assert_close(&y, &want, 1e-5, 1e-5);
         let mut want = reference.backward_input(&self.v_y, &self.weight);
         twin::relu_backward(&self.x, &mut want);
-        assert_close(&v_x.read().expect("read"), &want, 1e-5, 1e-5);
+        assert_close(&v_x, &want, 1e-5, 1e-5);
         let (want, want_bias) = reference.backward_weight(&self.x, &self.v_y);
-        let got: Vec<f32> = v_weight.read().expect("read").iter().map(|v| v - 1.0).collect();
         // Sums over all pixels, held beside the 1.0 that was there before: its rounding is 6e-8.
-        let atol = 2e-6 * (pixels as f32).sqrt();
-        assert_close(&conv.unpack(&got, ni, no), &want, atol, 1e-5);
+        let atol = 2e-6 * (conv.shape.pixels() as f32).sqrt();
+        assert_close(&v_weight, &want, atol, 1e-5);
         if conv.bias == Bias::Added {
-            assert_close(&got[got.len() - no..], &want_bias, atol, 1e-5);
+            assert_close(&v_bias, &want_bias, atol, 1e-5);
         }
     }
 }
@@ -239,4 +237,27 @@ fn wrong_shapes_are_refused_and_empty_is_fine() {
         backward_weight(rec, &conv, pass, &mut scratch)
     });
     assert!(v_weight.read().expect("read").iter().all(|v| *v == 0.0), "no pixel, no gradient");
+}
+
+#[test]
+fn twin_and_gpu_match_pytorch() {
+    let golden = Golden::load("conv3d");
+    let shape = golden.shape("x");
+    let channels = [shape[3], golden.shape("v_y")[3]];
+    for (name, time, space) in [("zero", Padding::Zero, Padding::Zero), ("clip", Padding::Replicate, Padding::Reflect)]
+    {
+        let conv = Conv3d { bias: Bias::Added, ..layer([shape[0], shape[1], shape[2]], channels, time, space) };
+        let twin = twin_of(&conv);
+        let [x, weight, bias, v_y] = ["x", "weight", "bias", "v_y"].map(|n| golden.f32(n));
+        let want = ["y", "v_x", "v_weight", "v_bias"].map(|n| golden.f32(&format!("{name}.{n}")));
+        let (v_weight, v_bias) = twin.backward_weight(&x, &v_y);
+        let got = [twin.forward(&x, &weight, &bias), twin.backward_input(&v_y, &weight), v_weight, v_bias];
+        // Sums of some hundred products below 1 in another order.
+        got.iter().zip(&want).for_each(|(got, want)| assert_close(got, want, 1e-5, 1e-5));
+
+        let Some(gpu) = device() else { continue };
+        let case = Case { conv, x, weight, bias, v_y };
+        let got = case.on_gpu(&gpu, None, 0.0);
+        got.iter().zip(&want).for_each(|(got, want)| assert_close(got, want, 1e-5, 1e-5));
+    }
 }

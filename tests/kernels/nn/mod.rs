@@ -1,5 +1,6 @@
 mod activation;
 mod attention;
+mod axpy;
 mod column_sum;
 mod conv3d;
 mod embedding;
@@ -14,21 +15,21 @@ mod transpose;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
 
 /// Records, runs and waits.
-fn run(gpu: &Device, record: impl FnOnce(&mut Recorder) -> Result<(), KernelError>) {
+pub(super) fn run(gpu: &Device, record: impl FnOnce(&mut Recorder) -> Result<(), KernelError>) {
     let mut rec = gpu.recorder().expect("recorder");
     record(&mut rec).expect("records");
     rec.submit().expect("runs");
 }
 
-fn upload(gpu: &Device, data: &[f32]) -> Buffer<f32> {
+pub(super) fn upload(gpu: &Device, data: &[f32]) -> Buffer<f32> {
     gpu.buffer_from("test input", data).expect("buffer")
 }
 
 /// A buffer full of NaN: whatever a kernel forgets to write fails the comparison.
-fn unwritten(gpu: &Device, len: usize) -> Buffer<f32> {
+pub(super) fn unwritten(gpu: &Device, len: usize) -> Buffer<f32> {
     upload(gpu, &vec![f32::NAN; len])
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }

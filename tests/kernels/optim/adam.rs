@@ -5,6 +5,7 @@ use guard4d_kernels::reference::optim::adam as twin;
 use guard4d_kernels::{KernelError, Recorder};
 
 use crate::support::close::assert_close;
+use crate::support::golden::Golden;
 use crate::support::gpu::{Gpu, device};
 use crate::support::random::Random;
 
@@ -77,4 +78,30 @@ fn wrong_lengths_are_refused_and_empty_is_fine() {
     let v_none = gpu.buffer::<f32>("v_param", 0).expect("buffer");
     let mut state = AdamState::new(&gpu, "param", 0).expect("state");
     run(&gpu, |rec| step(rec, &mut none, &v_none, &mut state, &AdamConfig::default()));
+}
+
+#[test]
+fn ten_steps_match_pytorch() {
+    let golden = Golden::load("adam");
+    let hyper = golden.f32("hyper");
+    let config = AdamConfig { lr: hyper[0], beta1: hyper[1], beta2: hyper[2], eps: hyper[3], ..AdamConfig::default() };
+    let (mut param, grads, history) = (golden.f32("param"), golden.f32("grads"), golden.f32("history"));
+    let n = param.len();
+    let (mut m, mut v) = (vec![0.0; n], vec![0.0; n]);
+    let start = param.clone();
+    for ((grad, want), t) in grads.chunks_exact(n).zip(history.chunks_exact(n)).zip(1..) {
+        twin::step(&twin_config(&config, t), &mut param, grad, &mut m, &mut v);
+        // A few roundings of values near 1 per step.
+        assert_close(&param, want, 1e-6, 1e-6);
+    }
+    let Some(gpu) = device() else { return };
+    let mut param = gpu.buffer_from("param", &start).expect("buffer");
+    let mut state = AdamState::new(&gpu, "param", n).expect("state");
+    for (grad, want) in grads.chunks_exact(n).zip(history.chunks_exact(n)) {
+        let v_param = gpu.buffer_from("v_param", grad).expect("buffer");
+        run(&gpu, |rec| step(rec, &mut param, &v_param, &mut state, &config));
+        assert_close(&param.read().expect("read"), want, 1e-6, 1e-6);
+    }
+    assert_close(&state.exp_avg.read().expect("read"), &golden.f32("exp_avg"), 1e-6, 1e-6);
+    assert_close(&state.exp_avg_sq.read().expect("read"), &golden.f32("exp_avg_sq"), 1e-6, 1e-6);
 }

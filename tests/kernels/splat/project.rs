@@ -43,7 +43,7 @@ fn straight_view() -> View {
     View {
         world_to_camera: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
         focal: [100.0, 100.0],
-        centre: [32.0, 32.0],
+        centre: [31.5, 31.5],
         width: 64,
         height: 64,
     }

@@ -20,7 +20,7 @@ pub(crate) fn view(width: u32, height: u32) -> View {
     View {
         world_to_camera: [[cos, 0.0, sin, 0.05], [0.0, 1.0, 0.0, -0.1], [-sin, 0.0, cos, 3.0]],
         focal: [1.1 * width as f32, 1.2 * width as f32],
-        centre: [0.5 * width as f32, 0.5 * height as f32],
+        centre: [0.5 * width as f32 - 0.5, 0.5 * height as f32 - 0.5],
         width,
         height,
     }

@@ -2,6 +2,7 @@
 
 pub mod activation;
 pub mod attention;
+pub mod axpy;
 pub mod column_sum;
 pub mod conv3d;
 pub mod embedding;

@@ -10,7 +10,7 @@ pub struct View<R> {
     pub world_to_camera: [[R; 4]; 3],
     /// Focal lengths in px.
     pub focal: [R; 2],
-    /// Principal point in px, image corner at 0.
+    /// Principal point in px, pixel centres at whole numbers.
     pub centre: [R; 2],
     /// Image width and height in px.
     pub size: [usize; 2],
@@ -93,7 +93,7 @@ fn one<R: Real>(view: &View<R>, mean: &[R], scale: &[R], quat: &[R]) -> Option<P
     let (a, c) = (a + R::of(BLUR), c + R::of(BLUR));
     let det = a * c - b * b;
     let conic = [c / det, -b / det, a / det];
-    let mean2d: [R; 2] = std::array::from_fn(|k| view.focal[k] * p[k] / p[2] + view.centre[k] - R::of(0.5));
+    let mean2d: [R; 2] = std::array::from_fn(|k| view.focal[k] * p[k] / p[2] + view.centre[k]);
     let opacity = R::of(1.0) / (R::of(1.0) + (-mean[3]).exp());
     let numbers = [conic[0], conic[1], conic[2], mean2d[0], mean2d[1], opacity];
     if numbers.iter().any(|v| !v.f64().is_finite()) || opacity < R::of(1.0 / 255.0) {

@@ -1,0 +1,109 @@
+//! Splats at a moment in time.
+
+mod network;
+mod state;
+
+use std::sync::Arc;
+
+use guard4d_kernels::{Buffer, Device};
+
+use crate::error::EngineError;
+use crate::scene::{DeformationWeights, Gaussians};
+use network::Network;
+pub use state::SplatState;
+
+/// Moments that are kept when no other number is asked for: two clips of eight frames.
+const DEFAULT_CACHED_TIMES: usize = 16;
+
+/// Canonical splats on the device with the network that moves them.
+#[derive(Debug)]
+pub struct DeformField {
+    device: Device,
+    canonical: Arc<SplatState>,
+    network: Option<Network>,
+    /// Least recently used first.
+    cached: Vec<(u32, Arc<SplatState>)>,
+    max_cached: usize,
+}
+
+impl DeformField {
+    /// Uploads a scene; without `weights` it looks the same at every time.
+    ///
+    /// # Errors
+    /// When device memory runs out.
+    pub fn new(
+        device: &Device,
+        gaussians: &Gaussians,
+        weights: Option<&DeformationWeights>,
+    ) -> Result<Self, EngineError> {
+        let canonical = Arc::new(SplatState::upload(device, gaussians)?);
+        let network = weights.map(|w| Network::new(device, w, canonical.len())).transpose()?;
+        let max_cached = DEFAULT_CACHED_TIMES;
+        Ok(Self { device: device.clone(), canonical, network, cached: Vec::new(), max_cached })
+    }
+
+    /// Keeps at most `times` moments, at least one; the least recently used goes first.
+    #[must_use]
+    pub fn with_cached_times(mut self, times: usize) -> Self {
+        self.max_cached = times.max(1);
+        self
+    }
+
+    /// Number of splats.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.canonical.len()
+    }
+
+    /// Whether there are no splats.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The splats as stored, before any deformation.
+    #[must_use]
+    pub fn canonical(&self) -> &Arc<SplatState> {
+        &self.canonical
+    }
+
+    /// SH coefficients of the canonical splats `[N,16,3]`.
+    #[must_use]
+    pub fn sh_coeffs(&self) -> &Arc<Buffer<f32>> {
+        self.canonical.sh_coeffs()
+    }
+
+    /// Device bytes of the canonical splats and all cached moments; shared coefficients count once.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let shared = self.sh_coeffs();
+        let own = |state: &SplatState| {
+            let sh = if Arc::ptr_eq(state.sh_coeffs(), shared) { 0 } else { state.sh_coeffs().len() };
+            state.geometry_bytes() + size_of::<f32>() * sh
+        };
+        let cached = self.cached.iter().filter(|(_, s)| !Arc::ptr_eq(s, &self.canonical));
+        size_of::<f32>() * shared.len() + own(&self.canonical) + cached.map(|(_, s)| own(s)).sum::<usize>()
+    }
+
+    /// The splats at `time` in \[0, 1\]; computed on the first request and cached.
+    ///
+    /// # Errors
+    /// When device memory runs out or the device fails.
+    pub fn at(&mut self, time: f32) -> Result<Arc<SplatState>, EngineError> {
+        let Some(network) = self.network.as_mut().filter(|_| !self.canonical.is_empty()) else {
+            return Ok(Arc::clone(&self.canonical));
+        };
+        let key = time.to_bits();
+        let state = match self.cached.iter().position(|(k, _)| *k == key) {
+            Some(found) => self.cached.remove(found).1,
+            None => {
+                if self.cached.len() >= self.max_cached {
+                    self.cached.remove(0);
+                }
+                Arc::new(network.deform(&self.device, &self.canonical, time)?)
+            }
+        };
+        self.cached.push((key, Arc::clone(&state)));
+        Ok(state)
+    }
+}

@@ -1,0 +1,36 @@
+#version 460
+// image/resize_apply: a banded matrix along one axis; a separable resize or, with the transposed table, its adjoint.
+//   in   x [planes, from, inner, 4]   table [to, 1 + taps4, 4]: first source index, then weights, 0 = no tap
+//        y_before: y as texels
+//   out  y [planes, to, inner, 4] (=), or (+=) with ACCUMULATE; fourth channel 0
+//   twin kernels/src/reference/image/resize.rs   one invocation per output pixel; groups: x = to * inner, yz = planes
+layout(local_size_x = 64) in;
+layout(constant_id = 0) const uint ACCUMULATE = 0;
+layout(push_constant) uniform Params { int planes, from, to, inner, taps4; } p;
+layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x;
+layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer table;
+layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer y_before;
+layout(set = 0, binding = 3) writeonly buffer Y { vec4 y[]; };
+
+void main() {
+    int plane = int(gl_WorkGroupID.y + gl_WorkGroupID.z * gl_NumWorkGroups.y);
+    int j = int(gl_GlobalInvocationID.x);
+    if (j >= p.to * p.inner || plane >= p.planes) return;
+    int row = j / p.inner * (1 + p.taps4);
+    int base = plane * p.from * p.inner + j % p.inner;
+    int source = int(imageLoad(table, row).x);
+    vec3 sum = vec3(0.0);
+    int group = 0;
+    do {
+        group++;
+        vec4 weight = imageLoad(table, row + group);
+        for (int k = 0; k < 4; k++) {
+            vec3 term = imageLoad(x, base + min(source, p.from - 1) * p.inner).rgb * weight[k];
+            sum += mix(vec3(0.0), term, bvec3(weight[k] != 0.0));
+            source++;
+        }
+    } while (group < p.taps4);
+    int at = plane * p.to * p.inner + j;
+    if (ACCUMULATE != 0) sum += imageLoad(y_before, at).rgb;
+    y[at] = vec4(sum, 0.0);
+}

@@ -1,0 +1,10 @@
+// Clamp to [0, 1] that keeps NaN, and its derivative: 1 inside and at both ends, 0 outside and for NaN.
+vec3 clamp01(vec3 v) {
+    return mix(mix(v, vec3(0.0), lessThan(v, vec3(0.0))), vec3(1.0), greaterThan(v, vec3(1.0)));
+}
+
+vec3 clamp01_gate(vec3 v, vec3 v_clamped) {
+    bvec3 low = greaterThanEqual(v, vec3(0.0));
+    bvec3 high = lessThanEqual(v, vec3(1.0));
+    return mix(vec3(0.0), mix(vec3(0.0), v_clamped, low), high);
+}

@@ -1,0 +1,39 @@
+#version 460
+// loss/offset_penalty_step: weighted means of squared SH offsets, DC apart from the rest, and their gradient.
+//   in   offsets [N,16,3] = n texels   v_before: v_offsets as texels
+//   out  v_offsets [N,16,3] (=), or (+=) with ACCUMULATE   partial [groups * 8] (=)
+//   twin kernels/src/reference/loss/offset_penalty.rs   dc, rest: weight of one square; groups: 64 * TEXELS each
+#extension GL_KHR_shader_subgroup_shuffle : require
+layout(local_size_x = 64) in;
+layout(constant_id = 0) const uint ACCUMULATE = 0;
+layout(constant_id = 1) const uint TEXELS = 16;
+layout(push_constant) uniform Params { uint n; float dc, rest, weight; } p;
+layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer offsets;
+layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer v_before;
+layout(set = 0, binding = 2) writeonly buffer VOffsets { vec4 v_offsets[]; };
+layout(set = 0, binding = 3) writeonly buffer Partial { float partial[]; };
+const uint TEXELS_PER_SPLAT = 12;
+
+void main() {
+    uint lane = gl_LocalInvocationID.x;
+    uint i = gl_WorkGroupID.x * 64 * TEXELS + lane;
+    vec4 sum = vec4(0.0);
+    uint left = TEXELS;
+    do {
+        if (i < p.n) {
+            vec4 d = imageLoad(offsets, int(i));
+            vec4 share = i % TEXELS_PER_SPLAT == 0 ? vec4(vec3(p.dc), p.rest) : vec4(p.rest);
+            sum += share * d * d;
+            vec4 v = 2.0 * p.weight * share * d;
+            if (ACCUMULATE != 0) v += imageLoad(v_before, int(i));
+            v_offsets[i] = v;
+        }
+        i += 64;
+        left--;
+    } while (left > 0);
+    float total = sum.x + sum.y + sum.z + sum.w;
+    total += subgroupShuffleXor(total, 1);
+    total += subgroupShuffleXor(total, 2);
+    total += subgroupShuffleXor(total, 4);
+    if (lane % 8 == 0) partial[gl_WorkGroupID.x * 8 + lane / 8] = total;
+}

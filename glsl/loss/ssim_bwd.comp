@@ -1,0 +1,44 @@
+#version 460
+// loss/ssim_bwd: gradient of the mean SSIM to x; horizontal window over the slopes. One invocation per run of a row.
+//   in   rows [H,W,3,4] from loss/ssim_columns   x [.,4] from x_px on   y [.,4] from y_px on   v_before: v_x as texels
+//   out  v_x [.,4] at x_px (=), or (+=) with ACCUMULATE; fourth channel 0
+//   twin kernels/src/reference/loss/ssim.rs
+#extension GL_EXT_control_flow_attributes : require
+#include "lib/grid.glsl"
+#include "lib/ssim.glsl"
+layout(local_size_x = 64) in;
+layout(constant_id = 7) const uint ACCUMULATE = 0;
+layout(push_constant) uniform Params { int height, width, x_px, y_px; float scale; } p;
+layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer rows;
+layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer x;
+layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer y;
+layout(set = 0, binding = 3, rgba32f) uniform readonly imageBuffer v_before;
+layout(set = 0, binding = 4) writeonly buffer VX { vec4 v_x[]; };
+
+void main() {
+    int runs = (p.width + RUN - 1) / RUN;
+    int i = int(global_index());
+    if (i >= runs * p.height) return;
+    int row = i / runs * p.width;
+    int column = i % runs * RUN;
+    vec3 by_mean[RUN + 10];
+    vec3 by_square[RUN + 10];
+    vec3 by_product[RUN + 10];
+    [[unroll]] for (int k = 0; k < RUN + 10; k++) {
+        int c = column + k - 5;
+        bvec3 inside = bvec3(c >= 0 && c < p.width);
+        int at = (row + clamp(c, 0, p.width - 1)) * 3;
+        by_mean[k] = mix(vec3(0.0), imageLoad(rows, at).rgb, inside);
+        by_square[k] = mix(vec3(0.0), imageLoad(rows, at + 1).rgb, inside);
+        by_product[k] = mix(vec3(0.0), imageLoad(rows, at + 2).rgb, inside);
+    }
+    [[unroll]] for (int r = 0; r < RUN; r++) {
+        if (column + r < p.width) {
+            int at = row + column + r;
+            vec3 v = window(by_mean, r) + imageLoad(y, p.y_px + at).rgb * window(by_product, r);
+            v = p.scale * (v + 2.0 * imageLoad(x, p.x_px + at).rgb * window(by_square, r));
+            if (ACCUMULATE != 0) v += imageLoad(v_before, p.x_px + at).rgb;
+            v_x[p.x_px + at] = vec4(v, 0.0);
+        }
+    }
+}

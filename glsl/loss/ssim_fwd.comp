@@ -1,0 +1,55 @@
+#version 460
+// loss/ssim_fwd: SSIM and its derivatives by the three windowed moments of x. One invocation per run of a column.
+//   in   rows [H,W,3,4] of (x, y)   moments [H,W,2,4] of y
+//   out  slopes [H,W,3,4] (=): dS/dmean(x), dS/dmean(x^2), dS/dmean(xy)   partial [.] from first_partial on (=)
+//   twin kernels/src/reference/loss/ssim.rs   Wang et al. 2004, eq. 13; groups: x = 64 columns, y = runs of rows
+#extension GL_KHR_shader_subgroup_shuffle : require
+#extension GL_EXT_control_flow_attributes : require
+#include "lib/ssim.glsl"
+layout(local_size_x = 64) in;
+layout(push_constant) uniform Params { int height, width; uint first_partial; float c1, c2; } p;
+layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer rows;
+layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer moments;
+layout(set = 0, binding = 2) writeonly buffer Slopes { vec4 slopes[]; };
+layout(set = 0, binding = 3) writeonly buffer Partial { float partial[]; };
+
+void main() {
+    int column = int(gl_GlobalInvocationID.x);
+    int row = int(gl_WorkGroupID.y) * RUN;
+    vec3 a[RUN + 10];
+    vec3 aa[RUN + 10];
+    vec3 ab[RUN + 10];
+    [[unroll]] for (int k = 0; k < RUN + 10; k++) {
+        int r = row + k - 5;
+        bvec3 inside = bvec3(r >= 0 && r < p.height);
+        int at = (clamp(r, 0, p.height - 1) * p.width + min(column, p.width - 1)) * 3;
+        a[k] = mix(vec3(0.0), imageLoad(rows, at).rgb, inside);
+        aa[k] = mix(vec3(0.0), imageLoad(rows, at + 1).rgb, inside);
+        ab[k] = mix(vec3(0.0), imageLoad(rows, at + 2).rgb, inside);
+    }
+    vec3 total = vec3(0.0);
+    [[unroll]] for (int r = 0; r < RUN; r++) {
+        if (column < p.width && row + r < p.height) {
+            int at = (row + r) * p.width + column;
+            vec3 mx = window(a, r);
+            vec3 my = imageLoad(moments, at * 2).rgb;
+            vec3 n1 = 2.0 * mx * my + p.c1;
+            vec3 n2 = 2.0 * (window(ab, r) - mx * my) + p.c2;
+            vec3 inv1 = 1.0 / (mx * mx + my * my + p.c1);
+            vec3 inv2 = 1.0 / (window(aa, r) - mx * mx + imageLoad(moments, at * 2 + 1).rgb + p.c2);
+            vec3 ssim = n1 * n2 * inv1 * inv2;
+            total += ssim;
+            vec3 by_mean = 2.0 * my * (n2 - n1) * inv1 * inv2 + 2.0 * mx * ssim * (inv2 - inv1);
+            slopes[at * 3] = vec4(by_mean, 0.0);
+            slopes[at * 3 + 1] = vec4(-ssim * inv2, 0.0);
+            slopes[at * 3 + 2] = vec4(2.0 * n1 * inv1 * inv2, 0.0);
+        }
+    }
+    float sum = total.r + total.g + total.b;
+    sum += subgroupShuffleXor(sum, 1);
+    sum += subgroupShuffleXor(sum, 2);
+    sum += subgroupShuffleXor(sum, 4);
+    uint group = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
+    uint lane = gl_LocalInvocationID.x;
+    if (lane % 8 == 0) partial[p.first_partial + group * 8 + lane / 8] = sum;
+}

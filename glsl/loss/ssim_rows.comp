@@ -1,0 +1,40 @@
+#version 460
+// loss/ssim_rows: horizontal window over x, x^2 and x*y. One invocation per run of pixels of a row.
+//   in   x [.,4] from x_px on   y [.,4] from y_px on: H*W pixels each
+//   out  rows [H,W,3,4] (=)
+//   twin kernels/src/reference/loss/ssim.rs
+#extension GL_EXT_control_flow_attributes : require
+#include "lib/grid.glsl"
+#include "lib/ssim.glsl"
+layout(local_size_x = 64) in;
+layout(push_constant) uniform Params { int height, width, x_px, y_px; } p;
+layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x;
+layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer y;
+layout(set = 0, binding = 2) writeonly buffer Rows { vec4 rows[]; };
+
+void main() {
+    int runs = (p.width + RUN - 1) / RUN;
+    int i = int(global_index());
+    if (i >= runs * p.height) return;
+    int row = i / runs * p.width;
+    int column = i % runs * RUN;
+    vec3 a[RUN + 10];
+    vec3 aa[RUN + 10];
+    vec3 ab[RUN + 10];
+    [[unroll]] for (int k = 0; k < RUN + 10; k++) {
+        int c = column + k - 5;
+        bvec3 inside = bvec3(c >= 0 && c < p.width);
+        int at = row + clamp(c, 0, p.width - 1);
+        a[k] = mix(vec3(0.0), imageLoad(x, p.x_px + at).rgb, inside);
+        aa[k] = a[k] * a[k];
+        ab[k] = a[k] * mix(vec3(0.0), imageLoad(y, p.y_px + at).rgb, inside);
+    }
+    [[unroll]] for (int r = 0; r < RUN; r++) {
+        if (column + r < p.width) {
+            int at = (row + column + r) * 3;
+            rows[at] = vec4(window(a, r), 0.0);
+            rows[at + 1] = vec4(window(aa, r), 0.0);
+            rows[at + 2] = vec4(window(ab, r), 0.0);
+        }
+    }
+}

@@ -1,0 +1,17 @@
+#version 460
+// nn/axpy_fwd: y = x + scale * delta. One invocation per texel.
+//   in   x [n,4]   delta [n,4]
+//   out  y [n,4] (=)
+//   twin kernels/src/reference/nn/axpy.rs
+#include "lib/grid.glsl"
+layout(local_size_x = 64) in;
+layout(push_constant) uniform Params { uint n; float scale; } p;
+layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x;
+layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer delta;
+layout(set = 0, binding = 2) writeonly buffer Y { vec4 y[]; };
+
+void main() {
+    uint i = global_index();
+    if (i >= p.n) return;
+    y[i] = imageLoad(x, int(i)) + p.scale * imageLoad(delta, int(i));
+}

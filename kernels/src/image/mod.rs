@@ -1,0 +1,10 @@
+//! Operations on clips `[F, H, W, 4]`: resizing, normalisation, clamps, noise, quantisation.
+
+pub mod clamp01;
+pub mod noise;
+pub mod normalize;
+pub mod quantize;
+pub mod resize;
+
+/// Floats of a pixel.
+pub const CHANNELS: usize = 4;

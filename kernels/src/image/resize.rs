@@ -1,0 +1,237 @@
+//! Antialiased bilinear resize of clips, and its adjoint.
+
+use crate::image::CHANNELS;
+use crate::registry::image::resize_apply;
+use crate::shape::{Accumulate, dim_signed, expect_len};
+use crate::{Buffer, Device, Grid, KernelError, Recorder};
+
+const KERNEL: &str = "image/resize";
+/// Planes along one grid axis; every device allows 65,535.
+const PLANES_PER_AXIS: usize = 32_768;
+
+/// Height and width in pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ImageSize {
+    /// `H`
+    pub height: usize,
+    /// `W`
+    pub width: usize,
+}
+
+/// Weights of one output entry over consecutive inputs.
+struct Window {
+    first: usize,
+    weights: Vec<f64>,
+}
+
+/// The windows of `ATen`'s antialiased bilinear kernel with `align_corners=True`: scale
+/// (in−1)/(out−1), centre scale·(i+½), a triangle as wide as the scale, clipped and renormalised.
+fn windows(from: usize, to: usize) -> Vec<Window> {
+    let scale = if to > 1 { (from - 1) as f64 / (to - 1) as f64 } else { 0.0 };
+    let support = scale.max(1.0);
+    let window = |i: usize| {
+        let center = scale * (i as f64 + 0.5);
+        let first = (center - support + 0.5).max(0.0).floor();
+        let end = (center + support + 0.5).floor().min(from as f64);
+        let mut weights = Vec::new();
+        let mut at = first;
+        while at < end {
+            weights.push((1.0 - ((at - center + 0.5) / support).abs()).max(0.0));
+            at += 1.0;
+        }
+        let total: f64 = weights.iter().sum();
+        weights.iter_mut().for_each(|w| *w /= total);
+        Window { first: index(first), weights }
+    };
+    (0..to).map(window).collect()
+}
+
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a whole number within the axis")]
+fn index(position: f64) -> usize {
+    position as usize
+}
+
+/// For each input of `windows` the outputs it feeds.
+fn transposed(windows: &[Window], from: usize) -> Vec<Window> {
+    let mut columns: Vec<Window> = (0..from).map(|_| Window { first: 0, weights: Vec::new() }).collect();
+    for (o, window) in windows.iter().enumerate() {
+        for (i, &weight) in (window.first..).zip(&window.weights).filter(|(_, w)| **w > 0.0) {
+            let column = &mut columns[i];
+            if column.weights.is_empty() {
+                column.first = o;
+            }
+            column.weights.resize(o - column.first, 0.0);
+            column.weights.push(weight);
+        }
+    }
+    columns
+}
+
+/// Windows on the device: per output a texel with the first index, then the weights.
+#[derive(Debug)]
+struct Table {
+    rows: Buffer<f32>,
+    taps4: usize,
+}
+
+impl Table {
+    #[allow(clippy::cast_possible_truncation, reason = "weights are stored as f32; indices are below 2^24")]
+    fn new(device: &Device, name: &str, windows: &[Window]) -> Result<Self, KernelError> {
+        let taps4 = windows.iter().map(|w| w.weights.len().div_ceil(4)).max().unwrap_or(0).max(1);
+        let mut rows = Vec::with_capacity(windows.len() * (1 + taps4) * 4);
+        for window in windows {
+            rows.extend([window.first as f32, 0.0, 0.0, 0.0]);
+            rows.extend(window.weights.iter().map(|w| *w as f32));
+            rows.resize(rows.len() + taps4 * 4 - window.weights.len(), 0.0);
+        }
+        Ok(Self { rows: device.buffer_from(name, &rows)?, taps4 })
+    }
+}
+
+/// Weight tables of one axis in both directions.
+#[derive(Debug)]
+struct Axis {
+    forward: Table,
+    backward: Table,
+}
+
+impl Axis {
+    fn new(device: &Device, from: usize, to: usize) -> Result<Self, KernelError> {
+        let windows = windows(from, to);
+        Ok(Self {
+            forward: Table::new(device, "resize.forward", &windows)?,
+            backward: Table::new(device, "resize.backward", &transposed(&windows, from))?,
+        })
+    }
+}
+
+/// A resize from one size to another.
+#[derive(Debug)]
+pub struct ResizePlan {
+    /// Input size.
+    pub from: ImageSize,
+    /// Output size.
+    pub to: ImageSize,
+    vertical: Axis,
+    horizontal: Axis,
+}
+
+impl ResizePlan {
+    /// Computes the weight tables.
+    ///
+    /// # Errors
+    /// [`KernelError::Shape`] for an empty image; when memory runs out.
+    pub fn new(device: &Device, from: ImageSize, to: ImageSize) -> Result<Self, KernelError> {
+        for (buffer, size) in [("from", from), ("to", to)] {
+            if size.height == 0 || size.width == 0 {
+                let got = format!("{} x {}", size.height, size.width);
+                return Err(KernelError::Shape { kernel: KERNEL, buffer, got, expected: "a pixel".to_owned() });
+            }
+        }
+        Ok(Self {
+            from,
+            to,
+            vertical: Axis::new(device, from.height, to.height)?,
+            horizontal: Axis::new(device, from.width, to.width)?,
+        })
+    }
+
+    /// Working memory for clips of `frames` frames.
+    ///
+    /// # Errors
+    /// When memory runs out.
+    pub fn scratch(&self, device: &Device, frames: usize) -> Result<Buffer<f32>, KernelError> {
+        device.buffer("resize.scratch", frames * self.to.height * self.from.width * CHANNELS)
+    }
+
+    fn check(&self, frames: usize, buffers: [(&'static str, &Buffer<f32>); 3]) -> Result<(), KernelError> {
+        let [(large_name, large), (small_name, small), (scratch_name, scratch)] = buffers;
+        expect_len(KERNEL, large_name, large, frames * self.from.height * self.from.width * CHANNELS)?;
+        expect_len(KERNEL, small_name, small, frames * self.to.height * self.to.width * CHANNELS)?;
+        expect_len(KERNEL, scratch_name, scratch, frames * self.to.height * self.from.width * CHANNELS)
+    }
+}
+
+/// Sizes of one pass over `[planes, from, inner, 4]`.
+struct Pass {
+    planes: usize,
+    from: usize,
+    to: usize,
+    inner: usize,
+    accumulate: Accumulate,
+}
+
+fn apply(
+    rec: &mut Recorder,
+    pass: &Pass,
+    table: &Table,
+    x: &Buffer<f32>,
+    y: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let params = resize_apply::Params {
+        planes: dim_signed(pass.planes),
+        from: dim_signed(pass.from),
+        to: dim_signed(pass.to),
+        inner: dim_signed(pass.inner),
+        taps4: dim_signed(table.taps4),
+    };
+    let columns = (pass.to * pass.inner).div_ceil(resize_apply::KERNEL.local_size[0] as usize);
+    let grid =
+        [columns, pass.planes.min(PLANES_PER_AXIS), pass.planes.div_ceil(PLANES_PER_AXIS)].map(crate::shape::dim);
+    let spec = resize_apply::Spec { accumulate: pass.accumulate.flag() };
+    let before = y.alias();
+    let bind = resize_apply::Bind { x, table: &table.rows, y_before: &before, y };
+    rec.dispatch_spec(bind, params, spec, Grid::Groups(grid))
+}
+
+/// Resizes a clip, rows first, then columns.
+///
+/// # Shapes
+/// in `x` [F,H,W,4] · out `y` [F,h,w,4] (=), fourth channel 0 · `scratch` [F,h,W,4] (=)
+/// # Equation: PyTorch's `interpolate(mode="bilinear", antialias=True, align_corners=True)`
+/// # Determinism: bitwise; no atomics
+///
+/// # Errors
+/// [`KernelError::Shape`] before anything is recorded.
+pub fn forward(
+    rec: &mut Recorder,
+    plan: &ResizePlan,
+    x: &Buffer<f32>,
+    y: &mut Buffer<f32>,
+    scratch: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let frames = x.len() / (plan.from.height * plan.from.width * CHANNELS);
+    plan.check(frames, [("x", x), ("y", y), ("scratch", scratch)])?;
+    let accumulate = Accumulate::Overwrite;
+    let ImageSize { height, width } = plan.from;
+    let pass = Pass { planes: frames, from: height, to: plan.to.height, inner: width, accumulate };
+    apply(rec, &pass, &plan.vertical.forward, x, scratch)?;
+    let planes = frames * plan.to.height;
+    let pass = Pass { planes, from: width, to: plan.to.width, inner: 1, accumulate };
+    apply(rec, &pass, &plan.horizontal.forward, scratch, y)
+}
+
+/// Gradient to the input: the exact adjoint of [`forward`].
+///
+/// # Shapes
+/// in `v_y` [F,h,w,4] · out `v_x` [F,H,W,4] (=) or (+=), fourth channel 0 · `scratch` [F,h,W,4] (=)
+/// # Determinism: bitwise; no atomics
+///
+/// # Errors
+/// [`KernelError::Shape`] before anything is recorded.
+pub fn backward(
+    rec: &mut Recorder,
+    plan: &ResizePlan,
+    v_y: &Buffer<f32>,
+    (v_x, accumulate): (&mut Buffer<f32>, Accumulate),
+    scratch: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let frames = v_x.len() / (plan.from.height * plan.from.width * CHANNELS);
+    plan.check(frames, [("v_x", v_x), ("v_y", v_y), ("scratch", scratch)])?;
+    let ImageSize { height, width } = plan.from;
+    let planes = frames * plan.to.height;
+    let pass = Pass { planes, from: plan.to.width, to: width, inner: 1, accumulate: Accumulate::Overwrite };
+    apply(rec, &pass, &plan.horizontal.backward, v_y, scratch)?;
+    let pass = Pass { planes: frames, from: plan.to.height, to: height, inner: width, accumulate };
+    apply(rec, &pass, &plan.vertical.backward, scratch, v_x)
+}

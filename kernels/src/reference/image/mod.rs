@@ -1,0 +1,7 @@
+//! Twins of `glsl/image`.
+
+pub mod clamp01;
+pub mod noise;
+pub mod normalize;
+pub mod quantize;
+pub mod resize;

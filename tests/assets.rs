@@ -1,0 +1,46 @@
+//! What is built in loads like what users bring, and stays small.
+
+use std::fs;
+use std::path::Path;
+
+use guard4d_engine::scene::camera::{CameraSet, ImageSize};
+use guard4d_engine::scene::model::Model;
+
+use crate::support::repo;
+
+/// Everything that is built in, together.
+const MAX_BYTES: u64 = 25_000_000;
+
+fn folder_bytes(folder: &Path) -> u64 {
+    let entries = fs::read_dir(folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
+    let size = |path: &Path| if path.is_dir() { folder_bytes(path) } else { path.metadata().map_or(0, |m| m.len()) };
+    entries.map(|entry| size(&entry.expect("a folder of the checkout can be listed").path())).sum()
+}
+
+#[test]
+fn built_in_assets_stay_small() {
+    let bytes: u64 = ["mini-clip", "demo-scene"].iter().map(|f| folder_bytes(&repo("engine/assets").join(f))).sum();
+    assert!(bytes > 0 && bytes <= MAX_BYTES, "{bytes} bytes are built in, {MAX_BYTES} are allowed");
+}
+
+#[test]
+fn demo_scene_loads_without_a_warning() {
+    let model = Model::open(&repo("engine/assets/demo-scene")).expect("the demo scene is a valid model");
+    assert!(model.warnings.is_empty(), "nothing had to be assumed: {:?}", model.warnings);
+    let field = model.deformation.expect("the demo scene moves");
+    let [high, low] = field.aabb;
+    let inside = |p: &[f32; 3]| (0..3).all(|k| low[k] < p[k] && p[k] < high[k]);
+    assert!(model.gaussians.means.iter().all(inside), "the box of the planes holds every splat");
+}
+
+#[test]
+fn demo_scene_brings_views_and_times() {
+    let path = repo("engine/assets/demo-scene/transforms_test.json");
+    let size = ImageSize::new(64, 64).expect("not empty");
+    let cameras = CameraSet::open(&path, size).expect("the demo scene brings cameras");
+    let mut times: Vec<_> = cameras.entries().map(|(_, _, time)| time).collect();
+    times.sort_by(f32::total_cmp);
+    times.dedup();
+    assert!(cameras.views.len() > times.len(), "several views at each time");
+    assert_eq!((times.first(), times.last()), (Some(&0.0), Some(&1.0)), "the times span the motion");
+}

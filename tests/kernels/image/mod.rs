@@ -1,0 +1,7 @@
+mod clamp01;
+mod noise;
+mod normalize;
+mod quantize;
+mod resize;
+
+use super::nn::{dot, run, unwritten, upload};

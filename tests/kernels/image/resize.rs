@@ -1,0 +1,125 @@
+//! image/resize: twin against differences and PyTorch, GPU against the twin, adjoint, extremes.
+
+use guard4d_kernels::KernelError;
+use guard4d_kernels::image::resize::{ImageSize, ResizePlan, backward, forward};
+use guard4d_kernels::reference::image::resize as twin;
+use guard4d_kernels::shape::Accumulate;
+
+use super::{dot, run, unwritten, upload};
+use crate::support::close::assert_close;
+use crate::support::golden::Golden;
+use crate::support::gpu::{Gpu, device};
+use crate::support::gradcheck::gradcheck;
+use crate::support::random::Random;
+
+const GOLDEN_CASES: [&str; 4] = ["down", "up", "one", "mixed"];
+
+fn size([height, width]: [usize; 2]) -> ImageSize {
+    ImageSize { height, width }
+}
+
+/// `(y, v_x)` on the device; `v_x` is added to `before` where given.
+fn on_gpu(gpu: &Gpu, [from, to]: [[usize; 2]; 2], x: &[f32], v_y: &[f32], before: Option<f32>) -> [Vec<f32>; 2] {
+    let plan = ResizePlan::new(gpu, size(from), size(to)).expect("plan");
+    let mut scratch = plan.scratch(gpu, x.len() / (from[0] * from[1] * 4)).expect("scratch");
+    let (x, v_y) = (upload(gpu, x), upload(gpu, v_y));
+    let mut y = unwritten(gpu, v_y.len());
+    let mut v_x = upload(gpu, &vec![before.unwrap_or(f32::NAN); x.len()]);
+    let accumulate = if before.is_some() { Accumulate::Add } else { Accumulate::Overwrite };
+    run(gpu, |rec| {
+        forward(rec, &plan, &x, &mut y, &mut scratch)?;
+        backward(rec, &plan, &v_y, (&mut v_x, accumulate), &mut scratch)
+    });
+    [y.read().expect("read"), v_x.read().expect("read")]
+}
+
+#[test]
+fn twin_gradient_matches_differences() {
+    for (from, to) in [([5, 7], [2, 3]), ([2, 3], [5, 4])] {
+        let mut random = Random(3);
+        let x = random.vec(from[0] * from[1] * 4, 0.0, 1.0);
+        let v_y = random.vec(to[0] * to[1] * 4, -1.0, 1.0);
+        // The fourth channel of the output is zero, so its gradient reaches nothing.
+        let grad = twin::backward(&v_y, from, to);
+        let worst = gradcheck(|x| dot(&twin::forward(x, from, to), &v_y), &x, &grad);
+        assert!(worst < 1e-6, "{from:?} to {to:?}: {worst}");
+    }
+}
+
+#[test]
+fn twin_and_gpu_match_pytorch() {
+    let golden = Golden::load("resize");
+    for case in GOLDEN_CASES {
+        let (from, to) = (golden.shape(&format!("{case}.x")), golden.shape(&format!("{case}.y")));
+        let (from, to) = ([from[1], from[2]], [to[1], to[2]]);
+        let [x, y, v_y, v_x] = ["x", "y", "v_y", "v_x"].map(|n| golden.f32(&format!("{case}.{n}")));
+        // Weights are f32 sums of up to 14 triangle values on either side: about 1e-6.
+        assert_close(&twin::forward(&x, from, to), &y, 2e-6, 1e-6);
+        assert_close(&twin::backward(&v_y, from, to), &v_x, 4e-6, 1e-6);
+        let Some(gpu) = device() else { continue };
+        let got = on_gpu(&gpu, [from, to], &x, &v_y, None);
+        assert_close(&got[0], &y, 2e-6, 1e-6);
+        assert_close(&got[1], &v_x, 4e-6, 1e-6);
+    }
+}
+
+#[test]
+fn gpu_follows_the_twin_and_adds_up() {
+    let Some(gpu) = device() else { return };
+    for (frames, from, to) in [
+        (1, [1, 1], [1, 1]),
+        (2, [13, 70], [5, 9]),
+        (3, [8, 8], [8, 8]),
+        (1, [40, 3], [6, 130]),
+        (1, [100, 66], [7, 3]),
+    ] {
+        let mut random = Random(frames as u64);
+        let x = random.vec_f32(frames * from[0] * from[1] * 4, 0.0, 1.0);
+        let v_y = random.vec_f32(frames * to[0] * to[1] * 4, -1.0, 1.0);
+        let [y, v_x] = on_gpu(&gpu, [from, to], &x, &v_y, Some(0.5));
+        // Two passes of short sums against one; rounding only.
+        assert_close(&y, &twin::forward(&x, from, to), 2e-6, 1e-6);
+        let mut want = twin::backward(&v_y, from, to);
+        want.iter_mut().enumerate().for_each(|(i, v)| *v = if i % 4 < 3 { *v + 0.5 } else { 0.0 });
+        assert_close(&v_x, &want, 2e-6, 1e-6);
+    }
+}
+
+#[test]
+fn same_size_is_the_identity() {
+    let Some(gpu) = device() else { return };
+    let x = Random(1).vec_f32(6 * 9 * 4, 0.0, 1.0);
+    let [y, v_x] = on_gpu(&gpu, [[6, 9], [6, 9]], &x, &x, None);
+    let want: Vec<f32> = x.iter().enumerate().map(|(i, v)| if i % 4 < 3 { *v } else { 0.0 }).collect();
+    assert_eq!(y, want, "resizing to the same size copies colours");
+    assert_eq!(v_x, want, "and so does its adjoint");
+}
+
+#[test]
+fn poison_stays_in_its_window() {
+    let Some(gpu) = device() else { return };
+    let mut x = vec![0.25f32; 64 * 64 * 4];
+    x[(32 * 64 + 32) * 4] = f32::NAN;
+    let [y, _] = on_gpu(&gpu, [[64, 64], [8, 8]], &x, &vec![0.0; 8 * 8 * 4], None);
+    for (i, pixel) in y.chunks_exact(4).enumerate() {
+        let near = (2..=5).contains(&(i / 8)) && (2..=5).contains(&(i % 8));
+        assert!(near || pixel.iter().all(|v| v.is_finite()), "pixel {i} lies outside the window: {pixel:?}");
+    }
+    assert!(y.iter().any(|v| v.is_nan()), "a NaN is not hidden");
+}
+
+#[test]
+fn wrong_shapes_are_refused_and_empty_is_fine() {
+    let Some(gpu) = device() else { return };
+    let refused = ResizePlan::new(&gpu, size([0, 4]), size([2, 2]));
+    assert!(matches!(refused, Err(KernelError::Shape { buffer: "from", .. })), "no rows: {refused:?}");
+    let plan = ResizePlan::new(&gpu, size([4, 4]), size([2, 2])).expect("plan");
+    let x = upload(&gpu, &[0.0; 64]);
+    let mut short = upload(&gpu, &[0.0; 12]);
+    let mut scratch = plan.scratch(&gpu, 1).expect("scratch");
+    let mut rec = gpu.recorder().expect("recorder");
+    let refused = forward(&mut rec, &plan, &x, &mut short, &mut scratch);
+    assert!(matches!(refused, Err(KernelError::Shape { buffer: "y", .. })), "short output: {refused:?}");
+    let [y, v_x] = on_gpu(&gpu, [[4, 4], [2, 2]], &[], &[], None);
+    assert!(y.is_empty() && v_x.is_empty(), "no frame, no pixel");
+}

@@ -1,0 +1,65 @@
+//! loss/offset_penalty: twin against differences, GPU against the twin, poison.
+
+use guard4d_kernels::KernelError;
+use guard4d_kernels::loss::offset_penalty::{BlockWeights, step};
+use guard4d_kernels::loss::sum::SumScratch;
+use guard4d_kernels::reference::loss::offset_penalty as twin;
+use guard4d_kernels::shape::Accumulate;
+
+use super::{run, term, upload};
+use crate::support::close::assert_close;
+use crate::support::gpu::{Gpu, device};
+use crate::support::gradcheck::gradcheck;
+use crate::support::random::Random;
+
+const BLOCKS: BlockWeights = BlockWeights { dc: 1.5, rest: 0.25 };
+
+#[test]
+fn twin_gradient_matches_differences() {
+    let offsets = Random(1).vec(96, -1.0, 1.0);
+    let grad = twin::step(&offsets, 1.5, 0.25).1;
+    let worst = gradcheck(|x| twin::step(x, 1.5, 0.25).0, &offsets, &grad);
+    assert!(worst < 1e-6, "{worst}");
+}
+
+fn on_gpu(gpu: &Gpu, data: &[f32], accumulate: Accumulate) -> (f32, Vec<f32>) {
+    let offsets = upload(gpu, data);
+    let mut v_offsets = upload(gpu, &vec![0.5; data.len()]);
+    let mut values = upload(gpu, &[0.0; 2]);
+    let mut scratch = SumScratch::new(gpu, data.len() / 4).expect("scratch");
+    run(gpu, |rec| step(rec, (&offsets, BLOCKS), &mut v_offsets, term(&mut values, 10.0, accumulate), &mut scratch));
+    (values.read().expect("read")[1], v_offsets.read().expect("read"))
+}
+
+#[test]
+fn gpu_follows_the_twin() {
+    let Some(gpu) = device() else { return };
+    for splats in [0, 1, 3, 86, 300] {
+        let data = Random(splats as u64).vec_f32(splats * 48, -1.0, 1.0);
+        let (want, grad) = twin::step(&data, BLOCKS.dc, BLOCKS.rest);
+        for (accumulate, before) in [(Accumulate::Overwrite, 0.0), (Accumulate::Add, 0.5)] {
+            let (value, v_offsets) = on_gpu(&gpu, &data, accumulate);
+            // A mean of squares below 1, summed in another order.
+            assert_close(&[value], &[want], 1e-6, 1e-5);
+            let want: Vec<f32> = grad.iter().map(|g| before + 10.0 * g).collect();
+            assert_close(&v_offsets, &want, 1e-7, 1e-5);
+        }
+    }
+}
+
+#[test]
+fn poison_shows_and_wrong_shapes_are_refused() {
+    let Some(gpu) = device() else { return };
+    let mut data = vec![0.1; 96];
+    data[50] = f32::NAN;
+    data[60] = 1e-40;
+    let (value, v_offsets) = on_gpu(&gpu, &data, Accumulate::Overwrite);
+    assert!(value.is_nan() && v_offsets[50].is_nan() && v_offsets[60].is_finite(), "{value}");
+    let (odd, mut v_odd) = (upload(&gpu, &[0.0; 52]), upload(&gpu, &[0.0; 52]));
+    let mut values = upload(&gpu, &[0.0; 2]);
+    let mut scratch = SumScratch::new(&gpu, 13).expect("scratch");
+    let mut rec = gpu.recorder().expect("recorder");
+    let to = term(&mut values, 1.0, Accumulate::Add);
+    let refused = step(&mut rec, (&odd, BLOCKS), &mut v_odd, to, &mut scratch);
+    assert!(matches!(refused, Err(KernelError::Shape { buffer: "offsets", .. })), "{refused:?}");
+}
