@@ -1,6 +1,7 @@
 #version 460
 // image/resize_apply: a banded matrix along one axis; a separable resize or, with the transposed table, its adjoint.
 //   in   x [planes, from, inner, 4]   table [to, 1 + taps4, 4]: first source index, then weights, 0 = no tap
+//        y_before: y as texels
 //   out  y [planes, to, inner, 4] (=), or (+=) with ACCUMULATE; fourth channel 0
 //   twin kernels/src/reference/image/resize.rs   one invocation per output pixel; groups: x = to * inner, yz = planes
 layout(local_size_x = 64) in;
@@ -8,7 +9,8 @@ layout(constant_id = 0) const uint ACCUMULATE = 0;
 layout(push_constant) uniform Params { int planes, from, to, inner, taps4; } p;
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x;
 layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer table;
-layout(set = 0, binding = 2) buffer Y { vec4 y[]; };
+layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer y_before;
+layout(set = 0, binding = 3) writeonly buffer Y { vec4 y[]; };
 
 void main() {
     int plane = int(gl_WorkGroupID.y + gl_WorkGroupID.z * gl_NumWorkGroups.y);
@@ -29,6 +31,6 @@ void main() {
         }
     } while (group < p.taps4);
     int at = plane * p.to * p.inner + j;
-    if (ACCUMULATE != 0) sum += y[at].rgb;
+    if (ACCUMULATE != 0) sum += imageLoad(y_before, at).rgb;
     y[at] = vec4(sum, 0.0);
 }

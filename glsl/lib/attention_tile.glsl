@@ -9,14 +9,13 @@ const float MASKED = -1.0e30;
 
 // score[row + 16*b] += left(row) . right(8*b + lane), four components at a time
 #define ADD_SCORES(score, left0, left1, right0, right1)                  \
-    [[unroll]] for (int q = 0; q < 4; ++q) {                             \
-        [[unroll]] for (int r = 0; r < 8; ++r) {                         \
-            float low = subgroupShuffle(left0[q], r);                    \
-            float high = subgroupShuffle(left1[q], r);                   \
-            score[r] += low * right0[q];                                 \
-            score[r + 8] += high * right0[q];                            \
-            score[r + 16] += low * right1[q];                            \
-            score[r + 24] += high * right1[q];                           \
+    [[unroll]] for (int r = 0; r < TILE; ++r) {                          \
+        vec4 row = r < 8 ? subgroupShuffle(left0, r) : subgroupShuffle(left1, r - 8); \
+        [[unroll]] for (int q = 0; q < 4; ++q) {                         \
+            score[r] += row[q] * right0[q];                              \
+        }                                                                \
+        [[unroll]] for (int q = 0; q < 4; ++q) {                         \
+            score[r + 16] += row[q] * right1[q];                         \
         }                                                                \
     }
 

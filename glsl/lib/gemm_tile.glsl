@@ -1,8 +1,9 @@
-// lib/gemm_tile: one 16 x (8*BLOCKS) tile of A*W^T, kept in registers by one subgroup of eight lanes.
-// The including shader names its operands a_tex (row-major [m, 4*k4]) and w_tex (packed [n/8][k4][8 lanes] vec4),
-// and its constants BLOCKS (lane-blocks of eight columns) and UNROLL (divides k4).
+// lib/gemm_tile: one 16 x (8*BLOCKS) tile of A*W^T, kept by one subgroup of eight lanes.
+// The including shader names its operands a_tex (row-major [m, 4*k4]) and w_tex (packed [n/8][k4][8 lanes] vec4)
+// and defines BLOCKS, the lane-blocks of eight columns.
 // Lane l loads rows l and l+8 of A and column l of every block of W; rows are broadcast by constant shuffles,
 // so acc[row*BLOCKS + block] of lane l is the element (row, 8*block + l). A row past the end repeats the last one.
+// Each accumulator takes its four products in a row: it then lives in a register for them, although 96 do not fit.
 const int TILE_ROWS = 16;
 float acc[TILE_ROWS * BLOCKS];
 
@@ -15,26 +16,33 @@ void gemm_tile(int lane, int row0, int block0, int last_row, int k4) {
     }
     int t = 0;
     do {
-        [[unroll]] for (int u = 0; u < UNROLL; ++u) {
-            vec4 rows0 = imageLoad(a_tex, a0 + t + u);
-            vec4 rows1 = imageLoad(a_tex, a1 + t + u);
-            vec4 w[BLOCKS];
+        vec4 w[BLOCKS];
+        [[unroll]] for (int b = 0; b < BLOCKS; ++b) {
+            w[b] = imageLoad(w_tex, w0 + (b * k4 + t) * 8);
+        }
+        vec4 rows[2] = vec4[2](imageLoad(a_tex, a0 + t), imageLoad(a_tex, a1 + t));
+        [[unroll]] for (int r = 0; r < TILE_ROWS; ++r) {
+            vec4 a = subgroupShuffle(rows[r / 8], r % 8);
             [[unroll]] for (int b = 0; b < BLOCKS; ++b) {
-                w[b] = imageLoad(w_tex, w0 + (b * k4 + t + u) * 8);
-            }
-            [[unroll]] for (int r = 0; r < 8; ++r) {
-                vec4 low = subgroupShuffle(rows0, r);
-                vec4 high = subgroupShuffle(rows1, r);
-                [[unroll]] for (int b = 0; b < BLOCKS; ++b) {
-                    [[unroll]] for (int q = 0; q < 4; ++q) {
-                        acc[r * BLOCKS + b] += low[q] * w[b][q];
-                    }
-                    [[unroll]] for (int q = 0; q < 4; ++q) {
-                        acc[(r + 8) * BLOCKS + b] += high[q] * w[b][q];
-                    }
+                [[unroll]] for (int q = 0; q < 4; ++q) {
+                    acc[r * BLOCKS + b] += a[q] * w[b][q];
                 }
             }
         }
-        t += UNROLL;
-    } while (t < k4);
+    } while (++t < k4);
+}
+
+// Eight rows of one lane-block, transposed: lane l gets row l's eight columns.
+void transpose_block(inout float v[8], int lane) {
+    [[unroll]] for (int stage = 0; stage < 3; ++stage) {
+        int bit = 1 << stage;
+        bool upper = (lane & bit) != 0;
+        [[unroll]] for (int r = 0; r < 8; ++r) {
+            if ((r & bit) == 0) {
+                float other = subgroupShuffleXor(upper ? v[r] : v[r + bit], bit);
+                v[r] = upper ? other : v[r];
+                v[r + bit] = upper ? v[r + bit] : other;
+            }
+        }
+    }
 }

@@ -26,8 +26,8 @@ uint workgroup_index() {
     return gl_WorkGroupID.x + gl_WorkGroupID.y * gl_NumWorkGroups.x;
 }
 
-// Tile of a workgroup: neighbours in time lie apart in the image, so that a static split of the
-// grid between workers is even. `stride` is coprime to `num_tiles`.
-uint interleaved_tile(uint group, uint stride, uint num_tiles) {
-    return (group * stride) % num_tiles;
+// A permutation of 0..count: neighbours in time lie apart in the list, so that a static split of the
+// grid between workers is even. `stride` is coprime to `count`.
+uint interleaved(uint index, uint stride, uint count) {
+    return (index * stride) % count;
 }

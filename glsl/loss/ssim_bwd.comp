@@ -1,6 +1,6 @@
 #version 460
 // loss/ssim_bwd: gradient of the mean SSIM to x; horizontal window over the slopes. One invocation per run of a row.
-//   in   rows [H,W,3,4] from loss/ssim_columns   x [.,4] from x_px on   y [.,4] from y_px on
+//   in   rows [H,W,3,4] from loss/ssim_columns   x [.,4] from x_px on   y [.,4] from y_px on   v_before: v_x as texels
 //   out  v_x [.,4] at x_px (=), or (+=) with ACCUMULATE; fourth channel 0
 //   twin kernels/src/reference/loss/ssim.rs
 #extension GL_EXT_control_flow_attributes : require
@@ -12,7 +12,8 @@ layout(push_constant) uniform Params { int height, width, x_px, y_px; float scal
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer rows;
 layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer x;
 layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer y;
-layout(set = 0, binding = 3) buffer VX { vec4 v_x[]; };
+layout(set = 0, binding = 3, rgba32f) uniform readonly imageBuffer v_before;
+layout(set = 0, binding = 4) writeonly buffer VX { vec4 v_x[]; };
 
 void main() {
     int runs = (p.width + RUN - 1) / RUN;
@@ -36,7 +37,7 @@ void main() {
             int at = row + column + r;
             vec3 v = window(by_mean, r) + imageLoad(y, p.y_px + at).rgb * window(by_product, r);
             v = p.scale * (v + 2.0 * imageLoad(x, p.x_px + at).rgb * window(by_square, r));
-            if (ACCUMULATE != 0) v += v_x[p.x_px + at].rgb;
+            if (ACCUMULATE != 0) v += imageLoad(v_before, p.x_px + at).rgb;
             v_x[p.x_px + at] = vec4(v, 0.0);
         }
     }

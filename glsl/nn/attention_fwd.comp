@@ -94,12 +94,18 @@ void main() {
             [[unroll]] for (int r = 0; r < TILE; ++r) {
                 weight[r] = j < 8 ? s[r] : s[r + 16];
             }
+            vec4 value[4 * SLICES];
             [[unroll]] for (int u = 0; u < 4; ++u) {
                 int v_row = v_base + min(key0 + j + u, p.keys - 1) * p.kv_stride;
                 [[unroll]] for (int i = 0; i < SLICES; ++i) {
-                    vec4 value = imageLoad(kv_tex, v_row + min(lane + 8 * i, TEXELS - 1));
-                    [[unroll]] for (int r = 0; r < TILE; ++r) {
-                        o[r * SLICES + i] += subgroupShuffle(weight[r], (j & 7) + u) * value;
+                    value[u * SLICES + i] = imageLoad(kv_tex, v_row + min(lane + 8 * i, TEXELS - 1));
+                }
+            }
+            [[unroll]] for (int r = 0; r < TILE; ++r) {
+                [[unroll]] for (int u = 0; u < 4; ++u) {
+                    float w = subgroupShuffle(weight[r], (j & 7) + u);
+                    [[unroll]] for (int i = 0; i < SLICES; ++i) {
+                        o[r * SLICES + i] += w * value[u * SLICES + i];
                     }
                 }
             }

@@ -86,15 +86,23 @@ void main() {
                 weight[r] = j < 8 ? s[r] : s[r + 16];
                 slope[r] = j < 8 ? dp[r] : dp[r + 16];
             }
+            vec4 grad[4 * SLICES];
+            vec4 left[4 * SLICES];
             [[unroll]] for (int u = 0; u < 4; ++u) {
                 int query = min(query0 + j + u, p.queries - 1);
                 [[unroll]] for (int i = 0; i < SLICES; ++i) {
                     int texel = min(lane + 8 * i, TEXELS - 1);
-                    vec4 grad = imageLoad(v_attn_tex, g_base + query * g_stride + texel);
-                    vec4 left = imageLoad(q_tex, q_base + query * p.q_stride + texel);
-                    [[unroll]] for (int r = 0; r < TILE; ++r) {
-                        acc_v[r * SLICES + i] += subgroupShuffle(weight[r], (j & 7) + u) * grad;
-                        acc_k[r * SLICES + i] += subgroupShuffle(slope[r], (j & 7) + u) * left;
+                    grad[u * SLICES + i] = imageLoad(v_attn_tex, g_base + query * g_stride + texel);
+                    left[u * SLICES + i] = imageLoad(q_tex, q_base + query * p.q_stride + texel);
+                }
+            }
+            [[unroll]] for (int r = 0; r < TILE; ++r) {
+                [[unroll]] for (int u = 0; u < 4; ++u) {
+                    float w = subgroupShuffle(weight[r], (j & 7) + u);
+                    float d = subgroupShuffle(slope[r], (j & 7) + u);
+                    [[unroll]] for (int i = 0; i < SLICES; ++i) {
+                        acc_v[r * SLICES + i] += w * grad[u * SLICES + i];
+                        acc_k[r * SLICES + i] += d * left[u * SLICES + i];
                     }
                 }
             }

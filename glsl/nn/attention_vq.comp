@@ -86,12 +86,18 @@ void main() {
             [[unroll]] for (int r = 0; r < TILE; ++r) {
                 weight[r] = j < 8 ? s[r] : s[r + 16];
             }
+            vec4 key[4 * SLICES];
             [[unroll]] for (int u = 0; u < 4; ++u) {
                 int k_row = k_base + min(key0 + j + u, p.keys - 1) * p.kv_stride;
                 [[unroll]] for (int i = 0; i < SLICES; ++i) {
-                    vec4 key = imageLoad(kv_tex, k_row + min(lane + 8 * i, TEXELS - 1));
-                    [[unroll]] for (int r = 0; r < TILE; ++r) {
-                        acc[r * SLICES + i] += subgroupShuffle(weight[r], (j & 7) + u) * key;
+                    key[u * SLICES + i] = imageLoad(kv_tex, k_row + min(lane + 8 * i, TEXELS - 1));
+                }
+            }
+            [[unroll]] for (int r = 0; r < TILE; ++r) {
+                [[unroll]] for (int u = 0; u < 4; ++u) {
+                    float w = subgroupShuffle(weight[r], (j & 7) + u);
+                    [[unroll]] for (int i = 0; i < SLICES; ++i) {
+                        acc[r * SLICES + i] += w * key[u * SLICES + i];
                     }
                 }
             }

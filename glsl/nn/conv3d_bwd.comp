@@ -40,20 +40,24 @@ void main() {
     [[unroll]] for (uint c = 0; c < BLOCK4 * 4; c++) {
         [[unroll]] for (int b = 0; b < PIXELS; b++) acc[b][c] = 0.0;
     }
-    int s = 0;
+    ivec3 s = ivec3(0); // pair of each axis, counted up like digits
     do {
-        ivec2 st = fold_source(s / (count_x * count_y), frame, frame, frame, p.frames, fold_t);
-        ivec2 sy = fold_source(s / count_x % count_y, row, row, row, p.height, fold_y);
+        ivec2 st = fold_source(s.z, frame, frame, frame, p.frames, fold_t);
+        ivec2 sy = fold_source(s.y, row, row, row, p.height, fold_y);
         int index[PIXELS];
         int dx;
         [[unroll]] for (int b = 0; b < PIXELS; b++) {
-            ivec2 sx = fold_source(s % count_x, column + b * 8, left, left + 31, p.width, fold_x);
+            ivec2 sx = fold_source(s.x, column + b * 8, left, left + 31, p.width, fold_x);
             dx = sx.x;
             index[b] = min(min(st.y, sy.y), sx.y) < 0 ? -1 : (st.y * p.height + sy.y) * p.width + sx.y;
         }
         conv3d_tap(acc, index, uint((st.x + 1) * 9 + (sy.x + 1) * 3 + dx + 1), first);
-        s++;
-    } while (s < count_t * count_y * count_x);
+        s.x++;
+        s.y += int(s.x == count_x);
+        s.x = s.x == count_x ? 0 : s.x;
+        s.z += int(s.y == count_y);
+        s.y = s.y == count_y ? 0 : s.y;
+    } while (s.z < count_t);
     [[unroll]] for (int b = 0; b < PIXELS; b++) {
         if (column + b * 8 < p.width) {
             uint at = uint((frame * p.height + row) * p.width + column + b * 8) * WIDTH4 + first;

@@ -1,7 +1,7 @@
 #version 460
 // nn/conv3d_correlate: gradient to the weights of nn/conv3d_fwd, one partial sum per chunk of rows. Lanes run along x.
 //   in   x [F,H,W,Ci]   v_y [F,H,W,Co]
-//   out  partial [chunks, 27*(Ci/4)*Co + Co/4, 4] (=): weight layout, then the bias
+//   out  partial [chunks, 27*(Ci/4)*Co, 4] (=) in weight order, with BIAS Co more behind each
 //   twin kernels/src/reference/nn/conv3d.rs   groups: x = chunk, y = tap, z = input block, output block
 #extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_EXT_control_flow_attributes : require
@@ -12,6 +12,8 @@ layout(constant_id = 2) const uint IN_BLOCK4 = 4;
 layout(constant_id = 3) const uint OUT_BLOCK4 = 4;
 layout(constant_id = 4) const uint PAD_T = 0;
 layout(constant_id = 5) const uint PAD_XY = 0;
+layout(constant_id = 6) const uint BIAS = 0;
+layout(constant_id = 7) const int UNROLL = 4;
 layout(push_constant) uniform Params { int frames, height, width, chunk_rows; } p;
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x;
 layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer v_y;
@@ -41,31 +43,33 @@ void main() {
         int st = pad_index(row / p.height + tap / 9 - 1, p.frames, PAD_T);
         int sy = pad_index(row % p.height + tap / 3 % 3 - 1, p.height, PAD_XY);
         int column = int(gl_LocalInvocationID.x);
-        int spans = (p.width + 7) / 8;
+        int spans = (p.width + 8 * UNROLL - 1) / (8 * UNROLL);
         do {
-            int here = min(column, p.width - 1);
-            int sx = pad_index(here + tap % 3 - 1, p.width, PAD_XY);
-            bool inside = column < p.width;
-            bool reads = inside && st >= 0 && sy >= 0 && sx >= 0;
-            vec4 g[OUT_BLOCK4];
-            [[unroll]] for (uint c = 0; c < OUT_BLOCK4; c++) {
-                vec4 texel = imageLoad(v_y, (row * p.width + here) * int(OUT4) + int(out_first + c));
-                bias[c] += mix(vec4(0.0), texel, bvec4(inside));
-                g[c] = mix(vec4(0.0), texel, bvec4(reads));
+            [[unroll]] for (int u = 0; u < UNROLL; u++) {
+                int here = min(column, p.width - 1);
+                int sx = pad_index(here + tap % 3 - 1, p.width, PAD_XY);
+                bool inside = column < p.width;
+                bool reads = inside && st >= 0 && sy >= 0 && sx >= 0;
+                vec4 g[OUT_BLOCK4];
+                [[unroll]] for (uint c = 0; c < OUT_BLOCK4; c++) {
+                    vec4 texel = imageLoad(v_y, (row * p.width + here) * int(OUT4) + int(out_first + c));
+                    if (BIAS != 0) bias[c] += mix(vec4(0.0), texel, bvec4(inside));
+                    g[c] = mix(vec4(0.0), texel, bvec4(reads));
+                }
+                int from = reads ? (st * p.height + sy) * p.width + sx : 0;
+                [[unroll]] for (uint i = 0; i < IN_BLOCK4; i++) {
+                    vec4 a = imageLoad(x, from * int(IN4) + int(in_first + i));
+                    [[unroll]] for (uint c = 0; c < OUT_BLOCK4 * 4; c++) acc[i][c] += a * g[c / 4][c % 4];
+                }
+                column += 8;
             }
-            int from = reads ? (st * p.height + sy) * p.width + sx : 0;
-            [[unroll]] for (uint i = 0; i < IN_BLOCK4; i++) {
-                vec4 a = imageLoad(x, from * int(IN4) + int(in_first + i));
-                [[unroll]] for (uint c = 0; c < OUT_BLOCK4 * 4; c++) acc[i][c] += a * g[c / 4][c % 4];
-            }
-            column += 8;
             spans--;
         } while (spans > 0);
         row++;
     } while (row < end);
 
     uint texels = 27 * IN4 * OUT4 * 4;
-    uint base = gl_WorkGroupID.x * (texels + OUT4);
+    uint base = gl_WorkGroupID.x * (texels + (BIAS != 0 ? OUT4 : 0));
     [[unroll]] for (uint i = 0; i < IN_BLOCK4; i++) {
         uint at = base + ((uint(tap) * IN4 + in_first + i) * OUT4 + out_first) * 4;
         [[unroll]] for (uint c = 0; c < OUT_BLOCK4 * 4; c++) {
@@ -73,9 +77,11 @@ void main() {
             if (gl_LocalInvocationID.x == 0) partial[at + c] = sum;
         }
     }
-    bool owns_bias = tap == 13 && in_first == 0 && gl_LocalInvocationID.x == 0;
-    [[unroll]] for (uint c = 0; c < OUT_BLOCK4; c++) {
-        vec4 sum = lane_sum(bias[c]);
-        if (owns_bias) partial[base + texels + out_first + c] = sum;
+    if (BIAS != 0) {
+        bool owns_bias = tap == 13 && in_first == 0 && gl_LocalInvocationID.x == 0;
+        [[unroll]] for (uint c = 0; c < OUT_BLOCK4; c++) {
+            vec4 sum = lane_sum(bias[c]);
+            if (owns_bias) partial[base + texels + out_first + c] = sum;
+        }
     }
 }

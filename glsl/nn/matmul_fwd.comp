@@ -8,41 +8,49 @@
 
 layout(local_size_x = 8) in;
 layout(constant_id = 0) const int BLOCKS = 6;
-layout(constant_id = 1) const int UNROLL = 2;
-layout(constant_id = 2) const uint MODE = 0;
-layout(constant_id = 3) const uint ACTIVATION = 0;
+layout(constant_id = 1) const uint MODE = 0;
+layout(constant_id = 2) const uint ACTIVATION = 0;
 layout(push_constant) uniform Params { int m; int n; int k; } p;
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer a_tex;
 layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer w_tex;
 layout(set = 0, binding = 2) readonly buffer Bias { float bias[]; };
-layout(set = 0, binding = 3) readonly buffer Aux { float aux[]; };
-layout(set = 0, binding = 4) writeonly buffer C { float c[]; };
+layout(set = 0, binding = 3, rgba32f) uniform readonly imageBuffer aux_tex;
+layout(set = 0, binding = 4) writeonly buffer C { vec4 c[]; };
 
 #include "lib/activation.glsl"
 #include "lib/gemm_tile.glsl"
+
+vec4 epilogue(vec4 s, int at) {
+    if (MODE == 1u) {
+        return s + imageLoad(aux_tex, at);
+    }
+    if (MODE == 2u) {
+        return s * activate_grad4(ACTIVATION, imageLoad(aux_tex, at));
+    }
+    return activate4(ACTIVATION, s);
+}
 
 void main() {
     int lane = int(gl_LocalInvocationID.x);
     int row0 = int(gl_WorkGroupID.x) * TILE_ROWS;
     int block0 = int(gl_WorkGroupID.y) * BLOCKS;
     gemm_tile(lane, row0, block0, p.m - 1, p.k / 4);
-    [[unroll]] for (int b = 0; b < BLOCKS; ++b) {
-        int col = (block0 + b) * 8 + lane;
-        float shift = bias[col];
-        [[unroll]] for (int r = 0; r < TILE_ROWS; ++r) {
-            if (row0 + r < p.m) {
-                int at = (row0 + r) * p.n + col;
-                float s = acc[r * BLOCKS + b] + shift;
-                if (MODE == 0u) {
-                    s = activate(ACTIVATION, s);
-                }
-                if (MODE == 1u) {
-                    s += aux[at];
-                }
-                if (MODE == 2u) {
-                    s *= activate_grad(ACTIVATION, aux[at]);
-                }
-                c[at] = s;
+    [[unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
+        int row = row0 + 8 * half_tile + lane;
+        int row_texel = min(row, p.m - 1) * (p.n / 4);
+        [[unroll]] for (int b = 0; b < BLOCKS; ++b) {
+            float shift = bias[(block0 + b) * 8 + lane];
+            float v[8];
+            [[unroll]] for (int r = 0; r < 8; ++r) {
+                v[r] = acc[(8 * half_tile + r) * BLOCKS + b] + shift;
+            }
+            transpose_block(v, lane);
+            int at = row_texel + (block0 + b) * 2;
+            vec4 left = epilogue(vec4(v[0], v[1], v[2], v[3]), at);
+            vec4 right = epilogue(vec4(v[4], v[5], v[6], v[7]), at + 1);
+            if (row < p.m) {
+                c[at] = left;
+                c[at + 1] = right;
             }
         }
     }

@@ -1,6 +1,6 @@
 #version 460
 // splat/rasterize_bwd: dL/d(colour) of each (tile, splat) pair, the front-to-back traversal of rasterize_fwd.
-//   in   geom [V,8]   tile_offsets [tiles+1]   splat_from_isect, slot_from_isect [I, padded by 8]
+//   in   geom [V,8]   tile_offsets [tiles+1]   tile_order [tiles] active ones first   splat_from_isect, slot_from_isect [I, padded by 8]
 //        v_image [..,H,W,4] = dL/d(image), 4th channel unread, from pixel `in_offset` on
 //   out  v_slots [I,4] = sum over the tile's pixels of weight * v_image (=), at the pair's slot
 //   eq   v_colour = sum_p alpha_p T_p v_image_p; geometry and opacity are constants
@@ -10,18 +10,19 @@
 #include "lib/lanes.glsl"
 #include "lib/raster.glsl"
 layout(local_size_x = 8) in;
-layout(push_constant) uniform Params { uint width, height, tiles_x, num_tiles, tile_stride, in_offset; } p;
+layout(push_constant) uniform Params { uint width, height, tiles_x, num_active, tile_stride, in_offset; } p;
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer geom;
 layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer v_image;
 layout(set = 0, binding = 2, rgba32ui) uniform readonly uimageBuffer splat_from_isect;
 layout(set = 0, binding = 3, rgba32ui) uniform readonly uimageBuffer slot_from_isect;
 layout(set = 0, binding = 4) readonly buffer TileOffsets { uint tile_offsets[]; };
+layout(set = 0, binding = 6) readonly buffer TileOrder { uint tile_order[]; };
 layout(set = 0, binding = 5) buffer VSlots { vec4 v_slots[]; };
 
 void main() {
     uint lane = gl_LocalInvocationID.x;
-    if (workgroup_index() >= p.num_tiles) return;
-    uint tile = interleaved_tile(workgroup_index(), p.tile_stride, p.num_tiles);
+    if (workgroup_index() >= p.num_active) return;
+    uint tile = tile_order[interleaved(workgroup_index(), p.tile_stride, p.num_active)];
     uint x = (tile % p.tiles_x) * 8u + lane, y = (tile / p.tiles_x) * 8u;
     float px = float(x), py = float(y);
     uint at = tile_offsets[tile], end = tile_offsets[tile + 1u];

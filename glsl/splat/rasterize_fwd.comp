@@ -1,6 +1,6 @@
 #version 460
 // splat/rasterize_fwd: front-to-back blending, Kerbl et al. 2023. One workgroup per 8x8 tile, one lane per column.
-//   in   geom [V,8] = mean2d.xy, conic.ab | conic.c, opacity, depth, -   colours [V,4]   tile_offsets [tiles+1]
+//   in   geom [V,8] = mean2d.xy, conic.ab | conic.c, opacity, depth, -   colours [V,4]   tile_offsets [tiles+1]   tile_order [tiles] active ones first
 //        splat_from_isect [I, padded by 8] front to back inside a tile
 //   out  image [..,H,W,4] = rgb over the background, final transmittance (=), from pixel `out_offset` on
 #extension GL_EXT_control_flow_attributes : require
@@ -10,19 +10,20 @@
 #include "lib/raster.glsl"
 layout(local_size_x = 8) in;
 layout(push_constant) uniform Params {
-    uint width, height, tiles_x, num_tiles, tile_stride, out_offset;
+    uint width, height, tiles_x, num_active, tile_stride, out_offset;
     float background_r, background_g, background_b;
 } p;
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer geom;
 layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer colours;
 layout(set = 0, binding = 2, rgba32ui) uniform readonly uimageBuffer splat_from_isect;
 layout(set = 0, binding = 3) readonly buffer TileOffsets { uint tile_offsets[]; };
+layout(set = 0, binding = 5) readonly buffer TileOrder { uint tile_order[]; };
 layout(set = 0, binding = 4) buffer Image { vec4 image[]; };
 
 void main() {
     uint lane = gl_LocalInvocationID.x;
-    if (workgroup_index() >= p.num_tiles) return;
-    uint tile = interleaved_tile(workgroup_index(), p.tile_stride, p.num_tiles);
+    if (workgroup_index() >= p.num_active) return;
+    uint tile = tile_order[interleaved(workgroup_index(), p.tile_stride, p.num_active)];
     uint x = (tile % p.tiles_x) * 8u + lane, y = (tile / p.tiles_x) * 8u;
     float px = float(x), py = float(y);
     uint at = tile_offsets[tile], end = tile_offsets[tile + 1u];

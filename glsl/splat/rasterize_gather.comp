@@ -1,6 +1,6 @@
 #version 460
 // splat/rasterize_gather: sums the slots of each splat. One invocation per visible splat, fixed order.
-//   in   v_slots [I,4]   slot_offsets [V+1]
+//   in   v_slots [I,4]   slot_ranges [V,2] first, end
 //   out  v_colours [V,4] = sum of the splat's slots, 4th channel 0 (=)
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -8,14 +8,14 @@
 layout(local_size_x = 64) in;
 layout(push_constant) uniform Params { uint num_visible, num_slots; } p;
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer v_slots;
-layout(set = 0, binding = 1) readonly buffer SlotOffsets { uint slot_offsets[]; };
+layout(set = 0, binding = 1) readonly buffer SlotRanges { uint slot_ranges[]; };
 layout(set = 0, binding = 2) buffer VColours { vec4 v_colours[]; };
 
 void main() {
     uint splat = global_index();
     bool valid = splat < p.num_visible;
-    uint at = valid ? slot_offsets[splat] : 0u;
-    uint end = valid ? slot_offsets[splat + 1u] : 0u;
+    uint at = valid ? slot_ranges[2u * splat] : 0u;
+    uint end = valid ? slot_ranges[2u * splat + 1u] : 0u;
     vec3 sum = vec3(0.0);
     // Four slots a turn: fewer loop-carried updates, and the loop limit of lavapipe stays out of reach.
     do {

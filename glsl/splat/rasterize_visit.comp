@@ -1,6 +1,6 @@
 #version 460
 // splat/rasterize_visit: which (tile, splat) pairs reach a pixel that has not stopped, for pruning a plan.
-//   in   geom [N,8]   tile_offsets [tiles+1]   slot_from_isect [I, padded by 8]   splat_from_slot [I]
+//   in   geom [N,8]   tile_offsets [tiles+1]   tile_order [tiles] active ones first   slot_from_isect [I, padded by 8]   splat_from_slot [I]
 //   out  kept_isect, kept_slot [I] = 1 when some pixel of the tile takes alpha > 0 or stops there, else 0 (=)
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -8,18 +8,19 @@
 #include "lib/lanes.glsl"
 #include "lib/raster.glsl"
 layout(local_size_x = 8) in;
-layout(push_constant) uniform Params { uint width, height, tiles_x, num_tiles, tile_stride; } p;
+layout(push_constant) uniform Params { uint width, height, tiles_x, num_active, tile_stride; } p;
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer geom;
 layout(set = 0, binding = 1, rgba32ui) uniform readonly uimageBuffer slot_from_isect;
 layout(set = 0, binding = 2) readonly buffer SplatFromSlot { uint splat_from_slot[]; };
 layout(set = 0, binding = 3) readonly buffer TileOffsets { uint tile_offsets[]; };
+layout(set = 0, binding = 6) readonly buffer TileOrder { uint tile_order[]; };
 layout(set = 0, binding = 4) buffer KeptIsect { uint kept_isect[]; };
 layout(set = 0, binding = 5) buffer KeptSlot { uint kept_slot[]; };
 
 void main() {
     uint lane = gl_LocalInvocationID.x;
-    if (workgroup_index() >= p.num_tiles) return;
-    uint tile = interleaved_tile(workgroup_index(), p.tile_stride, p.num_tiles);
+    if (workgroup_index() >= p.num_active) return;
+    uint tile = tile_order[interleaved(workgroup_index(), p.tile_stride, p.num_active)];
     uint x = (tile % p.tiles_x) * 8u + lane, y = (tile / p.tiles_x) * 8u;
     float px = float(x), py = float(y);
     uint at = tile_offsets[tile], end = tile_offsets[tile + 1u];

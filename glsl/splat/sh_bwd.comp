@@ -1,6 +1,6 @@
 #version 460
 // splat/sh_bwd: gradient of the offsets from the gradient of the colours. One invocation per visible splat.
-//   in   sh_coeffs, offsets [N,16,3]   dirs [V,4]   splat_from_visible [V]   v_colours [V,4]
+//   in   sh_coeffs, offsets [N,16,3]   dirs [V,4]   splat_from_visible [V]   v_colours [V,4]   v_before: v_offsets as texels
 //   out  v_offsets [N,16,3] += Y_j(d) v_colour, per channel zero where the colour before the clamp is < 0
 //   OFFSET_BASES of each row are read and written: 1 (the DC term) or 16
 #extension GL_EXT_control_flow_attributes : require
@@ -17,7 +17,8 @@ layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer offsets;
 layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer dirs;
 layout(set = 0, binding = 3, rgba32f) uniform readonly imageBuffer v_colours;
 layout(set = 0, binding = 4) readonly buffer SplatFromVisible { uint splat_from_visible[]; };
-layout(set = 0, binding = 5) buffer VOffsets { vec4 v_offsets[]; };
+layout(set = 0, binding = 5, rgba32f) uniform readonly imageBuffer v_before;
+layout(set = 0, binding = 6) writeonly buffer VOffsets { vec4 v_offsets[]; };
 
 void main() {
     uint i = global_index();
@@ -35,12 +36,12 @@ void main() {
     vec3 v = imageLoad(v_colours, int(i)).xyz;
     v = vec3(raw.x < 0.0 ? 0.0 : v.x, raw.y < 0.0 ? 0.0 : v.y, raw.z < 0.0 ? 0.0 : v.z);
     if (OFFSET_BASES == 1u) {
-        v_offsets[row] += vec4(y[0] * v, 0.0);
+        v_offsets[row] = imageLoad(v_before, int(row)) + vec4(y[0] * v, 0.0);
     } else {
         [[unroll]] for (int q = 0; q < 12; ++q) {
             vec4 add;
             [[unroll]] for (int c = 0; c < 4; ++c) add[c] = y[(4 * q + c) / 3] * v[(4 * q + c) % 3];
-            if (q < int(sh_texels(DEGREE))) v_offsets[row + uint(q)] += add;
+            if (q < int(sh_texels(DEGREE))) v_offsets[row + uint(q)] = imageLoad(v_before, int(row) + q) + add;
         }
     }
 }

@@ -1,8 +1,8 @@
 #version 460
-// splat/tile_bin_splats: gathers the visible splats in depth order. One invocation per rank.
-//   in   geom [N,8]   dirs [N,4]   order [N]   visible [N+1] exclusive sum of the flags   slot_offsets, kept_slots as in tile_bin_keep
-//   out  visible_geom [V,8] (=)   visible_dirs [V,4] (=)   splat_from_visible [V] (=)   visible_offsets [V+1] slots (=)
-//        visible_from_splat [N] for visible splats (=)
+// splat/tile_bin_splats: gathers the visible splats in the order of the scene. One invocation per depth rank.
+//   in   geom [N,8]   dirs [N,4]   order [N]   visible [N+1] exclusive sum of the flags by splat
+//        slot_offsets [N*bands+1]   kept_slots [I+1] exclusive sum of the kept flags by slot
+//   out  visible_geom [V,8] (=)   visible_dirs [V,4] (=)   splat_from_visible [V] (=)   slot_ranges [V,2] first, end (=)
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
@@ -16,21 +16,18 @@ layout(set = 0, binding = 5) readonly buffer KeptSlots { uint kept_slots[]; };
 layout(set = 0, binding = 6) buffer VisibleGeom { vec4 visible_geom[]; };
 layout(set = 0, binding = 7) buffer VisibleDirs { vec4 visible_dirs[]; };
 layout(set = 0, binding = 8) buffer SplatFromVisible { uint splat_from_visible[]; };
-layout(set = 0, binding = 9) buffer VisibleOffsets { uint visible_offsets[]; };
-layout(set = 0, binding = 10) buffer VisibleFromSplat { uint visible_from_splat[]; };
+layout(set = 0, binding = 9) buffer SlotRanges { uint slot_ranges[]; };
 
 void main() {
     uint rank = global_index();
     if (rank >= p.n) return;
-    uint i = visible[rank];
-    if (visible[rank + 1u] == i) return;
     uint splat = order[rank];
+    uint i = visible[splat];
+    if (visible[splat + 1u] == i) return;
     visible_geom[2u * i] = imageLoad(geom, int(2u * splat));
     visible_geom[2u * i + 1u] = imageLoad(geom, int(2u * splat + 1u));
     visible_dirs[i] = imageLoad(dirs, int(splat));
     splat_from_visible[i] = splat;
-    visible_from_splat[splat] = i;
-    if (i == 0u) visible_offsets[0] = 0u;
-    // Ranks between this one and the next visible one keep no slot.
-    visible_offsets[i + 1u] = kept_slots[slot_offsets[(rank + 1u) * p.bands]];
+    slot_ranges[2u * i] = kept_slots[slot_offsets[rank * p.bands]];
+    slot_ranges[2u * i + 1u] = kept_slots[slot_offsets[(rank + 1u) * p.bands]];
 }

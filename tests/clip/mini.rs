@@ -3,6 +3,7 @@
 use guard4d_engine::clip::{Clip, ClipSource, Purpose};
 use guard4d_engine::tensor_file::{TensorFile, Values};
 
+use super::{length, pixels_of};
 use crate::support::close::{assert_close, cosine};
 use crate::support::gpu::{Gpu, device};
 use crate::support::shared;
@@ -16,17 +17,6 @@ fn mini(gpu: &Gpu) -> Clip {
     Clip::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete")
 }
 
-/// `[B, 3, S, S]` planes as `[B, S, S, 4]` pixels, or the other way round.
-fn pixels_of(planes: &[f32], side: usize) -> Vec<f32> {
-    let area = side * side;
-    let mut pixels = vec![0.0; planes.len() / 3 * 4];
-    for (i, value) in planes.iter().enumerate() {
-        let (image, channel, at) = (i / (3 * area), i / area % 3, i % area);
-        pixels[(image * area + at) * 4 + channel] = *value;
-    }
-    pixels
-}
-
 fn token_ids(file: &TensorFile, name: &str) -> Vec<u32> {
     match &file.get(name).expect("fixture").values {
         Values::U32(ids) => ids.clone(),
@@ -38,7 +28,7 @@ fn token_ids(file: &TensorFile, name: &str) -> Vec<u32> {
 /// Largest error relative to the row's length, which is 1 for normalised features.
 fn assert_rows_close(got: &[f32], want: &[f32], width: usize) {
     for (g, w) in got.chunks_exact(width).zip(want.chunks_exact(width)) {
-        let norm = w.iter().map(|v| v * v).sum::<f32>().sqrt();
+        let norm = length(w);
         // 2e-4 of the feature's length is the agreement asked for; f32 rounding through four layers stays below it.
         assert_close(g, w, 2e-4 * norm, 0.0);
     }
@@ -49,7 +39,7 @@ fn assert_rows_close(got: &[f32], want: &[f32], width: usize) {
 fn unit_rows(x: &[f32], width: usize) -> Vec<f32> {
     x.chunks_exact(width)
         .flat_map(|row| {
-            let norm = row.iter().map(|v| v * v).sum::<f32>().sqrt();
+            let norm = length(row);
             row.iter().map(move |v| v / norm)
         })
         .collect()

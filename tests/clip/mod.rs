@@ -1,4 +1,76 @@
 //! CLIP towers against transformers, and checkpoints that must be refused.
 
 mod mini;
+mod vit_b32;
 mod weights;
+
+/// Sizes of a tower's transformer.
+struct Tower {
+    width: usize,
+    inner: usize,
+    layers: usize,
+}
+
+/// Sizes of a checkpoint.
+struct Dims {
+    projection: usize,
+    vocab: usize,
+    positions: usize,
+    text: Tower,
+    vision: Tower,
+    patch: usize,
+    patches: usize,
+}
+
+impl Dims {
+    /// Names and shapes of all tensors, written down here once more: the loader's own list is under test.
+    fn tensors(&self) -> Vec<(String, Vec<usize>)> {
+        let (text, vision) = (self.text.width, self.vision.width);
+        let mut all = vec![
+            ("logit_scale".to_owned(), vec![]),
+            ("text_projection.weight".to_owned(), vec![self.projection, text]),
+            ("visual_projection.weight".to_owned(), vec![self.projection, vision]),
+            ("text_model.embeddings.token_embedding.weight".to_owned(), vec![self.vocab, text]),
+            ("text_model.embeddings.position_embedding.weight".to_owned(), vec![self.positions, text]),
+            ("vision_model.embeddings.class_embedding".to_owned(), vec![vision]),
+            ("vision_model.embeddings.patch_embedding.weight".to_owned(), vec![vision, 3, self.patch, self.patch]),
+            ("vision_model.embeddings.position_embedding.weight".to_owned(), vec![self.patches + 1, vision]),
+        ];
+        let mut pair = |name: String, shape: &[usize]| {
+            all.push((format!("{name}.weight"), shape.to_vec()));
+            all.push((format!("{name}.bias"), shape[..1].to_vec()));
+        };
+        pair("text_model.final_layer_norm".to_owned(), &[text]);
+        pair("vision_model.pre_layrnorm".to_owned(), &[vision]);
+        pair("vision_model.post_layernorm".to_owned(), &[vision]);
+        for (name, tower) in [("text_model", &self.text), ("vision_model", &self.vision)] {
+            for layer in 0..tower.layers {
+                let prefix = format!("{name}.encoder.layers.{layer}");
+                for norm in ["layer_norm1", "layer_norm2"] {
+                    pair(format!("{prefix}.{norm}"), &[tower.width]);
+                }
+                for part in ["q_proj", "k_proj", "v_proj", "out_proj"] {
+                    pair(format!("{prefix}.self_attn.{part}"), &[tower.width, tower.width]);
+                }
+                pair(format!("{prefix}.mlp.fc1"), &[tower.inner, tower.width]);
+                pair(format!("{prefix}.mlp.fc2"), &[tower.width, tower.inner]);
+            }
+        }
+        all
+    }
+}
+
+/// `[B, 3, S, S]` planes as `[B, S, S, 4]` pixels.
+fn pixels_of(planes: &[f32], side: usize) -> Vec<f32> {
+    let area = side * side;
+    let mut pixels = vec![0.0; planes.len() / 3 * 4];
+    for (i, value) in planes.iter().enumerate() {
+        let (image, channel, at) = (i / (3 * area), i / area % 3, i % area);
+        pixels[(image * area + at) * 4 + channel] = *value;
+    }
+    pixels
+}
+
+fn length(x: &[f32]) -> f32 {
+    x.iter().map(|v| v * v).sum::<f32>().sqrt()
+}

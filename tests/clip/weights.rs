@@ -4,6 +4,7 @@ use guard4d_engine::EngineError;
 use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::tensor_file::{Tensor, TensorFile};
 
+use super::{Dims, Tower};
 use crate::support::gpu::{Gpu, device};
 use crate::support::repo;
 
@@ -15,40 +16,23 @@ const CONFIG: &[u8] = br#"{
                       "image_size": 4, "patch_size": 2}
 }"#;
 
+const DIMS: Dims = Dims {
+    projection: 8,
+    vocab: 5,
+    positions: 4,
+    text: Tower { width: 8, inner: 8, layers: 1 },
+    vision: Tower { width: 8, inner: 16, layers: 1 },
+    patch: 2,
+    patches: 4,
+};
+
 /// A complete checkpoint for [`CONFIG`], all zeros.
 fn complete() -> TensorFile {
-    let mut file = TensorFile::default();
-    let mut add = |name: &str, shape: &[usize]| {
-        let zeros = vec![0.0; shape.iter().product()];
-        file.tensors.insert(name.to_owned(), Tensor::f32(shape, zeros));
+    let zeros = |(name, shape): (String, Vec<usize>)| {
+        let len = shape.iter().product();
+        (name, Tensor::f32(&shape, vec![0.0; len]))
     };
-    add("logit_scale", &[]);
-    add("text_projection.weight", &[8, 8]);
-    add("visual_projection.weight", &[8, 8]);
-    add("text_model.embeddings.token_embedding.weight", &[5, 8]);
-    add("text_model.embeddings.position_embedding.weight", &[4, 8]);
-    add("vision_model.embeddings.class_embedding", &[8]);
-    add("vision_model.embeddings.patch_embedding.weight", &[8, 3, 2, 2]);
-    add("vision_model.embeddings.position_embedding.weight", &[5, 8]);
-    let mut vectors = vec!["text_model.final_layer_norm".to_owned()];
-    vectors.extend(["vision_model.pre_layrnorm".to_owned(), "vision_model.post_layernorm".to_owned()]);
-    for (tower, inner) in [("text_model", 8), ("vision_model", 16)] {
-        let layer = format!("{tower}.encoder.layers.0");
-        vectors.extend(["layer_norm1", "layer_norm2"].map(|n| format!("{layer}.{n}")));
-        for (name, rows, cols) in [("fc1", inner, 8), ("fc2", 8, inner)] {
-            add(&format!("{layer}.mlp.{name}.weight"), &[rows, cols]);
-            add(&format!("{layer}.mlp.{name}.bias"), &[rows]);
-        }
-        for name in ["q_proj", "k_proj", "v_proj", "out_proj"] {
-            add(&format!("{layer}.self_attn.{name}.weight"), &[8, 8]);
-            add(&format!("{layer}.self_attn.{name}.bias"), &[8]);
-        }
-    }
-    for name in vectors {
-        add(&format!("{name}.weight"), &[8]);
-        add(&format!("{name}.bias"), &[8]);
-    }
-    file
+    TensorFile { tensors: DIMS.tensors().into_iter().map(zeros).collect(), ..TensorFile::default() }
 }
 
 fn load(gpu: &Gpu, config: &[u8], file: &TensorFile) -> Result<Clip, EngineError> {

@@ -58,7 +58,7 @@ impl FramePlan {
         self.lists.bytes()
     }
 
-    /// Rows in the scene of the visible splats, front to back.
+    /// Rows in the scene of the visible splats, ascending.
     ///
     /// # Errors
     /// When reading back from the device fails.

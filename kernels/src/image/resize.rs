@@ -179,7 +179,9 @@ fn apply(
     let grid =
         [columns, pass.planes.min(PLANES_PER_AXIS), pass.planes.div_ceil(PLANES_PER_AXIS)].map(crate::shape::dim);
     let spec = resize_apply::Spec { accumulate: pass.accumulate.flag() };
-    rec.dispatch_spec(resize_apply::Bind { x, table: &table.rows, y }, params, spec, Grid::Groups(grid))
+    let before = y.alias();
+    let bind = resize_apply::Bind { x, table: &table.rows, y_before: &before, y };
+    rec.dispatch_spec(bind, params, spec, Grid::Groups(grid))
 }
 
 /// Resizes a clip, rows first, then columns.

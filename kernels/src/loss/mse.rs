@@ -36,7 +36,14 @@ pub fn step(
         slope_scale: term.weight * mean,
     };
     let spec = mse_step::Spec { accumulate: term.accumulate.flag(), pixels: PER_INVOCATION };
-    let bind = mse_step::Bind { image: pair.image, reference: pair.reference, v_image, partial: &mut scratch.partial };
+    let before = v_image.alias();
+    let bind = mse_step::Bind {
+        image: pair.image,
+        reference: pair.reference,
+        v_before: &before,
+        v_image,
+        partial: &mut scratch.partial,
+    };
     rec.dispatch_spec(bind, params, spec, Grid::groups(dim(groups), 1, 1))?;
     finish(rec, (&scratch.partial, groups * PARTIALS_PER_GROUP), mean, (term.values, term.slot))
 }

@@ -49,7 +49,8 @@ pub fn step(
         weight: term.weight,
     };
     let spec = offset_penalty_step::Spec { accumulate: term.accumulate.flag(), texels: PER_INVOCATION };
-    let bind = offset_penalty_step::Bind { offsets, v_offsets, partial: &mut scratch.partial };
+    let before = v_offsets.alias();
+    let bind = offset_penalty_step::Bind { offsets, v_before: &before, v_offsets, partial: &mut scratch.partial };
     rec.dispatch_spec(bind, params, spec, Grid::groups(dim(groups), 1, 1))?;
     finish(rec, (&scratch.partial, groups * PARTIALS_PER_GROUP), 1.0, (term.values, term.slot))
 }

@@ -184,7 +184,8 @@ pub fn step(
             scale: term.weight * mean,
         };
         let spec = window_spec!(ssim_bwd, accumulate: term.accumulate.flag());
-        let bind = ssim_bwd::Bind { rows: &scratch.rows, x: clip, y: &reference.image, v_x: v_clip };
+        let before = v_clip.alias();
+        let bind = ssim_bwd::Bind { rows: &scratch.rows, x: clip, y: &reference.image, v_before: &before, v_x: v_clip };
         rec.dispatch_spec(bind, params, spec, Grid::threads(size.height * runs(size.width)))?;
     }
     finish(rec, (&scratch.partial, partials(size) * frames), mean, (term.values, term.slot))
@@ -212,5 +213,5 @@ fn slopes(
     rec.dispatch_spec(bind, params, window_spec!(ssim_fwd), Grid::groups(dim(x), dim(y), 1))?;
     let bind = ssim_columns::Bind { slopes: &scratch.slopes, rows: &mut scratch.rows };
     let params = ssim_columns::Params { height, width };
-    rec.dispatch_spec(bind, params, window_spec!(ssim_columns), Grid::groups(dim(x), dim(y), 3))
+    rec.dispatch_spec(bind, params, window_spec!(ssim_columns), Grid::groups(dim(x), dim(y), 1))
 }

@@ -10,6 +10,10 @@ pub const TAPS: usize = 27;
 const SPAN_PX: usize = 32;
 /// Widest block of output texels in one workgroup; four keep the accumulators in the L1 cache.
 const MAX_BLOCK4: u32 = 4;
+/// Widest block of output texels of the weight gradient, whose accumulators also span the input.
+const MAX_GRADIENT_BLOCK4: u32 = 2;
+/// Vector steps of the weight gradient per loop iteration; fewer cost a quarter more, more gain nothing.
+const UNROLL: i32 = 4;
 /// Vector steps of one chunk of the weight gradient: long enough to hide a workgroup's start.
 const STEPS_PER_CHUNK: usize = 256;
 /// Most chunks wanted for occupancy; longer clips get longer chunks.
@@ -149,7 +153,7 @@ impl Conv3d {
 
     /// Texels of one partial weight gradient, bias included.
     fn partial_texels(&self) -> usize {
-        TAPS * self.in_channels / 4 * self.out_channels + self.out_channels / 4
+        self.weight_len().div_ceil(4)
     }
 
     fn grid(&self, blocks: u32) -> Grid {
@@ -160,9 +164,9 @@ impl Conv3d {
 
 const KERNEL: &str = "nn/conv3d";
 
-/// Largest divisor of `texels` that fits one workgroup.
-fn block(texels: u32) -> u32 {
-    (1..=MAX_BLOCK4).rev().find(|b| texels.is_multiple_of(*b)).unwrap_or(1)
+/// Largest divisor of `texels` up to `most`: what fits one workgroup.
+fn block(texels: u32, most: u32) -> u32 {
+    (1..=most).rev().find(|b| texels.is_multiple_of(*b)).unwrap_or(1)
 }
 
 /// Convolves a clip.
@@ -191,7 +195,7 @@ pub fn forward(
     let spec = conv3d_fwd::Spec {
         depth4,
         width4,
-        block4: block(width4),
+        block4: block(width4, MAX_BLOCK4),
         pad_t: conv.time.code(),
         pad_xy: conv.space.code(),
         bias: u32::from(conv.bias == Bias::Added),
@@ -202,7 +206,7 @@ pub fn forward(
         height: dim_signed(conv.shape.height),
         width: dim_signed(conv.shape.width),
     };
-    rec.dispatch_spec(conv3d_fwd::Bind { x, weight, y }, params, spec, conv.grid(width4 / block(width4)))
+    rec.dispatch_spec(conv3d_fwd::Bind { x, weight, y }, params, spec, conv.grid(width4 / block(width4, MAX_BLOCK4)))
 }
 
 /// Working memory of the backward passes of one layer.
@@ -270,7 +274,7 @@ pub fn backward_input(
     let spec = conv3d_bwd::Spec {
         depth4,
         width4,
-        block4: block(width4),
+        block4: block(width4, MAX_BLOCK4),
         pad_t: conv.time.code(),
         pad_xy: conv.space.code(),
         gate: u32::from(gate.is_some()),
@@ -281,7 +285,7 @@ pub fn backward_input(
         width: dim_signed(conv.shape.width),
     };
     let bind = conv3d_bwd::Bind { v_y, weight_t: &scratch.weight_t, gate: gate.unwrap_or(v_y), v_x };
-    rec.dispatch_spec(bind, params, spec, conv.grid(width4 / block(width4)))
+    rec.dispatch_spec(bind, params, spec, conv.grid(width4 / block(width4, MAX_BLOCK4)))
 }
 
 /// Buffers of [`backward_weight`].
@@ -327,9 +331,17 @@ pub fn backward_weight(
         return Ok(());
     }
     let (in4, out4) = (dim(conv.in_channels / 4), dim(conv.out_channels / 4));
-    let (in_block4, out_block4) = (block(in4), block(out4));
-    let spec =
-        conv3d_correlate::Spec { in4, out4, in_block4, out_block4, pad_t: conv.time.code(), pad_xy: conv.space.code() };
+    let (in_block4, out_block4) = (block(in4, MAX_BLOCK4), block(out4, MAX_GRADIENT_BLOCK4));
+    let spec = conv3d_correlate::Spec {
+        in4,
+        out4,
+        in_block4,
+        out_block4,
+        pad_t: conv.time.code(),
+        pad_xy: conv.space.code(),
+        bias: u32::from(conv.bias == Bias::Added),
+        unroll: UNROLL,
+    };
     let params = conv3d_correlate::Params {
         frames: dim_signed(conv.shape.frames),
         height: dim_signed(conv.shape.height),

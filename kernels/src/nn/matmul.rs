@@ -10,7 +10,7 @@ const KERNEL: &str = "nn/matmul";
 /// Rows of C that one workgroup computes: `TILE_ROWS` of `glsl/lib/gemm_tile.glsl`.
 const TILE_ROWS: usize = 16;
 /// Lane-blocks per tile, best first: 96 accumulators are the fastest measured, smaller tiles serve other widths.
-const BLOCKS: [usize; 4] = [6, 4, 2, 1];
+const BLOCKS: [usize; 5] = [6, 8, 4, 2, 1];
 
 /// What happens to s = A Wᵀ + bias before it is stored.
 #[derive(Clone, Copy, Debug)]
@@ -76,15 +76,10 @@ pub fn forward(rec: &mut Recorder, product: &Product, c: &mut Buffer<f32>) -> Re
         return Ok(());
     }
     let blocks = BLOCKS.into_iter().find(|b| (n / LANES).is_multiple_of(*b)).unwrap_or(1);
-    let spec = matmul_fwd::Spec {
-        blocks: as_i32(blocks),
-        unroll: if (k / TEXEL).is_multiple_of(2) { 2 } else { 1 },
-        mode,
-        activation: activation.code(),
-    };
+    let spec = matmul_fwd::Spec { blocks: as_i32(blocks), mode, activation: activation.code() };
     let params = matmul_fwd::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
     let grid = Grid::groups(as_u32(rows.div_ceil(TILE_ROWS)), as_u32(n / LANES / blocks), 1);
-    let bind = matmul_fwd::Bind { a_tex: a, w_tex: &weight.packed, bias, aux, c };
+    let bind = matmul_fwd::Bind { a_tex: a, w_tex: &weight.packed, bias, aux_tex: aux, c };
     rec.dispatch_spec(bind, params, spec, grid)
 }
 

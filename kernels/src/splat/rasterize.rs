@@ -1,7 +1,7 @@
 //! Front-to-back blending of sorted splats and its gradient with respect to the colours.
 
 use super::tile_bin::VisibleLists;
-use crate::registry::splat::{rasterize_bwd, rasterize_fwd, rasterize_gather};
+use crate::registry::splat::{rasterize_bwd, rasterize_clear, rasterize_fwd, rasterize_gather};
 use crate::shape::{dim, require_len};
 use crate::{Buffer, Device, Grid, KernelError, Recorder};
 
@@ -61,20 +61,6 @@ impl TileGrid {
     #[must_use]
     pub fn num_pixels(self) -> usize {
         self.width as usize * self.height as usize
-    }
-
-    /// Step between the tiles of consecutive workgroups, coprime to the number of tiles: about its
-    /// root, so that the product with a workgroup index stays below 2³².
-    #[must_use]
-    pub(crate) fn stride(self) -> u32 {
-        let tiles = self.num_tiles();
-        let gcd = |mut a: u32, mut b: u32| {
-            while b != 0 {
-                (a, b) = (b, a % b);
-            }
-            a
-        };
-        (tiles.isqrt() | 1..).step_by(2).find(|&s| gcd(s, tiles) == 1).unwrap_or(1)
     }
 }
 
@@ -144,20 +130,45 @@ pub fn forward(
         colours,
         splat_from_isect: &lists.splat_from_isect,
         tile_offsets: &lists.tile_offsets,
-        image: frame.clip,
+        tile_order: &lists.tile_order,
+        image: &mut *frame.clip,
     };
     let params = rasterize_fwd::Params {
         width: grid.width,
         height: grid.height,
         tiles_x: grid.tiles_x(),
-        num_tiles: grid.num_tiles(),
-        tile_stride: grid.stride(),
+        num_active: dim(lists.num_active),
+        tile_stride: stride(lists.num_active),
         out_offset: dim(grid.num_pixels() * frame.index),
         background_r: background[0],
         background_g: background[1],
         background_b: background[2],
     };
-    rec.dispatch(bind, params, workgroups(grid))
+    rec.dispatch(bind, params, workgroups(lists.num_active))?;
+    clear(rec, lists, background, frame)
+}
+
+/// Fills the tiles without pairs.
+fn clear(
+    rec: &mut Recorder,
+    lists: &VisibleLists,
+    background: [f32; 3],
+    frame: FrameMut<'_>,
+) -> Result<(), KernelError> {
+    let grid = lists.grid;
+    let params = rasterize_clear::Params {
+        width: grid.width,
+        height: grid.height,
+        tiles_x: grid.tiles_x(),
+        num_active: dim(lists.num_active),
+        num_tiles: grid.num_tiles(),
+        out_offset: dim(grid.num_pixels() * frame.index),
+        background_r: background[0],
+        background_g: background[1],
+        background_b: background[2],
+    };
+    let bind = rasterize_clear::Bind { tile_order: &lists.tile_order, image: frame.clip };
+    rec.dispatch(bind, params, workgroups(grid.num_tiles() as usize - lists.num_active))
 }
 
 /// Gradient with respect to the colours: the same traversal, then a sum over each splat's tiles.
@@ -186,23 +197,37 @@ pub fn backward(
         splat_from_isect: &lists.splat_from_isect,
         slot_from_isect: &lists.slot_from_isect,
         tile_offsets: &lists.tile_offsets,
+        tile_order: &lists.tile_order,
         v_slots: &mut scratch.v_slots,
     };
     let params = rasterize_bwd::Params {
         width: grid.width,
         height: grid.height,
         tiles_x: grid.tiles_x(),
-        num_tiles: grid.num_tiles(),
-        tile_stride: grid.stride(),
+        num_active: dim(lists.num_active),
+        tile_stride: stride(lists.num_active),
         in_offset: dim(grid.num_pixels() * v_frame.index),
     };
-    rec.dispatch(bind, params, workgroups(grid))?;
-    let bind = rasterize_gather::Bind { v_slots: &scratch.v_slots, slot_offsets: &lists.slot_offsets, v_colours };
+    rec.dispatch(bind, params, workgroups(lists.num_active))?;
+    let bind = rasterize_gather::Bind { v_slots: &scratch.v_slots, slot_ranges: &lists.slot_ranges, v_colours };
     let params = rasterize_gather::Params { num_visible: dim(lists.num_visible), num_slots: dim(lists.num_isects) };
     rec.dispatch(bind, params, Grid::threads(lists.num_visible))
 }
 
 /// One workgroup per tile, a lane for each of its columns.
-pub(super) fn workgroups(grid: TileGrid) -> Grid {
-    Grid::threads(grid.num_tiles() as usize * TILE as usize)
+pub(super) fn workgroups(tiles: usize) -> Grid {
+    Grid::threads(tiles * TILE as usize)
+}
+
+/// Step between the tiles of consecutive workgroups, coprime to their number: about its root, so that
+/// the product with a workgroup index stays below 2³².
+pub(super) fn stride(tiles: usize) -> u32 {
+    let tiles = dim(tiles);
+    let gcd = |mut a: u32, mut b: u32| {
+        while b != 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    (tiles.isqrt() | 1..).step_by(2).find(|&s| gcd(s, tiles) == 1).unwrap_or(1)
 }

@@ -116,12 +116,14 @@ pub fn backward(
             expected: "offsets to differentiate".to_owned(),
         });
     };
+    let before = v_offsets.alias();
     let bind = sh_bwd::Bind {
         sh_coeffs: sh.sh_coeffs,
         offsets,
         dirs: visible.dirs,
         v_colours,
         splat_from_visible: visible.splat_from_visible,
+        v_before: &before,
         v_offsets,
     };
     let spec = sh_bwd::Spec { degree: sh.degree, offset_bases: offset_bases(bases) };

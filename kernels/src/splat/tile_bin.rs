@@ -1,10 +1,10 @@
 //! Which splats each tile sees, front to back: the constant part of rendering a frame.
 
 use super::project::{self, Projection, RawSplats, View};
-use super::rasterize::{TileGrid, workgroups};
+use super::rasterize::{TileGrid, stride, workgroups};
 use crate::registry::splat::{
-    rasterize_visit, tile_bin_count, tile_bin_emit, tile_bin_keep, tile_bin_pairs, tile_bin_ranges, tile_bin_splats,
-    tile_bin_tiles,
+    rasterize_visit, tile_bin_active, tile_bin_count, tile_bin_emit, tile_bin_keep, tile_bin_order, tile_bin_pairs,
+    tile_bin_ranges, tile_bin_splats, tile_bin_tiles,
 };
 use crate::scan::prefix_sum;
 use crate::scan::radix_sort::{self, SortPairs};
@@ -30,7 +30,7 @@ pub enum Prune {
     Remove,
 }
 
-/// A view's visible splats in depth order and the sorted list of each tile.
+/// A view's visible splats in the order of the scene, and for each tile its splats front to back.
 #[derive(Debug)]
 pub struct VisibleLists {
     /// Image and tiles.
@@ -39,6 +39,8 @@ pub struct VisibleLists {
     pub num_visible: usize,
     /// I, pairs of a tile and a splat.
     pub num_isects: usize,
+    /// Tiles that a splat may reach; the others show the background.
+    pub num_active: usize,
     /// Centre, scaled conic, opacity, depth `[V,8]`.
     pub geom: Buffer<f32>,
     /// Unit vectors from the camera `[V,4]`.
@@ -51,24 +53,32 @@ pub struct VisibleLists {
     pub splat_from_isect: Buffer<u32>,
     /// Slot of each pair: a splat's slots are contiguous `[I]`.
     pub slot_from_isect: Buffer<u32>,
-    /// First slot of each visible splat `[V+1]`.
-    pub slot_offsets: Buffer<u32>,
+    /// First slot and end of each visible splat `[V,2]`.
+    pub slot_ranges: Buffer<u32>,
+    /// All tiles, the active ones first `[tiles]`.
+    pub tile_order: Buffer<u32>,
 }
 
 impl VisibleLists {
-    fn new(device: &Device, grid: TileGrid, num_visible: usize, num_isects: usize) -> Result<Self, KernelError> {
+    fn new(
+        device: &Device,
+        grid: TileGrid,
+        [num_visible, num_isects, num_active]: [usize; 3],
+    ) -> Result<Self, KernelError> {
         let isects = num_isects + LIST_PADDING;
         Ok(Self {
             grid,
             num_visible,
             num_isects,
+            num_active,
             geom: device.buffer("lists.geom", 8 * num_visible)?,
             dirs: device.buffer("lists.dirs", 4 * num_visible)?,
             splat_from_visible: device.buffer("lists.splat_from_visible", num_visible)?,
             tile_offsets: device.buffer("lists.tile_offsets", grid.num_tiles() as usize + 1)?,
             splat_from_isect: device.buffer("lists.splat_from_isect", isects)?,
             slot_from_isect: device.buffer("lists.slot_from_isect", isects)?,
-            slot_offsets: device.buffer("lists.slot_offsets", num_visible + 1)?,
+            slot_ranges: device.buffer("lists.slot_ranges", 2 * num_visible)?,
+            tile_order: device.buffer("lists.tile_order", grid.num_tiles() as usize)?,
         })
     }
 
@@ -80,7 +90,8 @@ impl VisibleLists {
             + self.tile_offsets.len()
             + self.splat_from_isect.len()
             + self.slot_from_isect.len()
-            + self.slot_offsets.len();
+            + self.slot_ranges.len()
+            + self.tile_order.len();
         4 * (floats + indices)
     }
 }
@@ -112,7 +123,6 @@ struct SplatScratch {
     projection: Projection,
     slot_offsets: Buffer<u32>,
     visible: Buffer<u32>,
-    visible_from_splat: Buffer<u32>,
 }
 
 impl SplatScratch {
@@ -122,7 +132,24 @@ impl SplatScratch {
             projection: Projection::new(device, n)?,
             slot_offsets: device.buffer("tile_bin.slot_offsets", sums(n * bands))?,
             visible: device.buffer("tile_bin.visible", sums(n))?,
-            visible_from_splat: device.buffer("tile_bin.visible_from_splat", n)?,
+        })
+    }
+}
+
+/// Working memory of one tile grid.
+#[derive(Debug)]
+struct TileScratch {
+    offsets: Buffer<u32>,
+    active: Buffer<u32>,
+    order: Buffer<u32>,
+}
+
+impl TileScratch {
+    fn new(device: &Device, tiles: usize) -> Result<Self, KernelError> {
+        Ok(Self {
+            offsets: device.buffer("tile_bin.tile_offsets", tiles + 1)?,
+            active: device.buffer("tile_bin.active_tiles", (tiles + 1).next_multiple_of(4))?,
+            order: device.buffer("tile_bin.tile_order", tiles)?,
         })
     }
 }
@@ -154,7 +181,7 @@ pub struct TileBinner {
     device: Device,
     splats: Option<SplatScratch>,
     pairs: Option<PairScratch>,
-    tile_offsets: Option<Buffer<u32>>,
+    tiles: Option<TileScratch>,
     scan: prefix_sum::Scratch,
 }
 
@@ -165,7 +192,7 @@ impl TileBinner {
     /// When memory runs out.
     pub fn new(device: &Device) -> Result<Self, KernelError> {
         let scan = prefix_sum::Scratch::new(device, "tile_bin")?;
-        Ok(Self { device: device.clone(), splats: None, pairs: None, tile_offsets: None, scan })
+        Ok(Self { device: device.clone(), splats: None, pairs: None, tiles: None, scan })
     }
 
     /// Projects, sorts and bins the splats of one view; runs at once and waits.
@@ -192,11 +219,11 @@ impl TileBinner {
         let mut passes = Vec::new();
         let total = if n == 0 { 0 } else { self.count(view, splats, job, &mut passes)? };
         if total == 0 {
-            return Ok((VisibleLists::new(&self.device, job.grid, 0, 0)?, Timings { passes }));
+            return Ok((empty(&self.device, job.grid)?, Timings { passes }));
         }
-        self.emit(job, total, &mut passes)?;
-        let (num_visible, num_isects) = self.select(job, total, prune, &mut passes)?;
-        let mut lists = VisibleLists::new(&self.device, job.grid, num_visible, num_isects)?;
+        let num_active = self.emit(job, total, &mut passes)?;
+        let (num_visible, num_isects) = self.select(job, total, (prune, num_active), &mut passes)?;
+        let mut lists = VisibleLists::new(&self.device, job.grid, [num_visible, num_isects, num_active])?;
         self.compact(job, total, &mut lists, &mut passes)?;
         Ok((lists, Timings { passes }))
     }
@@ -209,7 +236,7 @@ impl TileBinner {
         job: Job,
         passes: &mut Vec<PassTime>,
     ) -> Result<usize, KernelError> {
-        let fits = |s: &SplatScratch| s.visible_from_splat.len() >= job.n && s.slot_offsets.len() > job.counts();
+        let fits = |s: &SplatScratch| s.visible.len() > job.n && s.slot_offsets.len() > job.counts();
         let scratch = match self.splats.take() {
             Some(scratch) if fits(&scratch) => scratch,
             _ => SplatScratch::new(&self.device, job.n, job.bands as usize)?,
@@ -232,19 +259,19 @@ impl TileBinner {
         element(&scratch.slot_offsets, job.counts())
     }
 
-    /// Writes the pairs, sorts them by tile and finds where each tile begins.
-    fn emit(&mut self, job: Job, total: usize, passes: &mut Vec<PassTime>) -> Result<(), KernelError> {
+    /// Writes the pairs, sorts them by tile and finds where each tile begins; returns the number of active tiles.
+    fn emit(&mut self, job: Job, total: usize, passes: &mut Vec<PassTime>) -> Result<usize, KernelError> {
         let pairs = match self.pairs.take() {
             Some(pairs) if pairs.splat_from_slot.len() >= total => pairs,
             _ => PairScratch::new(&self.device, total)?,
         };
         let pairs = self.pairs.insert(pairs);
-        let boundaries = job.grid.num_tiles() as usize + 1;
-        let tile_offsets = match self.tile_offsets.take() {
-            Some(offsets) if offsets.len() == boundaries => offsets,
-            _ => self.device.buffer("tile_bin.tile_offsets", boundaries)?,
+        let num_tiles = job.grid.num_tiles();
+        let tiles = match self.tiles.take() {
+            Some(tiles) if tiles.order.len() == num_tiles as usize => tiles,
+            _ => TileScratch::new(&self.device, num_tiles as usize)?,
         };
-        let tile_offsets = self.tile_offsets.insert(tile_offsets);
+        let tiles = self.tiles.insert(tiles);
         let scratch = self.splats.as_ref().expect("count has filled it");
         let mut rec = self.device.recorder()?;
         let bind = tile_bin_emit::Bind {
@@ -263,13 +290,14 @@ impl TileBinner {
             tiles_x: job.grid.tiles_x(),
         };
         rec.dispatch(bind, params, Grid::threads(job.counts()))?;
-        let bits = u32::BITS - (job.grid.num_tiles() - 1).leading_zeros();
+        let bits = u32::BITS - (num_tiles - 1).leading_zeros();
         radix_sort::sort(&mut rec, &mut pairs.sort, total, bits.max(1))?;
-        let params = tile_bin_ranges::Params { num_tiles: job.grid.num_tiles(), num_isects: dim(total) };
-        let bind = tile_bin_ranges::Bind { tile_keys: &pairs.sort.keys, tile_offsets };
-        rec.dispatch(bind, params, Grid::threads(boundaries))?;
+        order_tiles(&mut rec, &pairs.sort.keys, total, tiles, &mut self.scan)?;
         passes.extend(rec.submit()?.passes);
-        if job.n > MAX_TILE_PAIRS { longest_list_fits(tile_offsets) } else { Ok(()) }
+        if job.n > MAX_TILE_PAIRS {
+            longest_list_fits(&tiles.offsets)?;
+        }
+        element(&tiles.active, num_tiles as usize)
     }
 
     /// Decides which pairs and splats stay; returns V and I.
@@ -277,25 +305,26 @@ impl TileBinner {
         &mut self,
         job: Job,
         total: usize,
-        prune: Prune,
+        (prune, num_active): (Prune, usize),
         passes: &mut Vec<PassTime>,
     ) -> Result<(usize, usize), KernelError> {
         let scratch = self.splats.as_mut().expect("count has filled it");
         let pairs = self.pairs.as_mut().expect("emit has filled it");
-        let tile_offsets = self.tile_offsets.as_ref().expect("emit has filled it");
+        let tiles = self.tiles.as_ref().expect("emit has filled it");
         let mut rec = self.device.recorder()?;
         match prune {
             Prune::Keep => {
                 rec.fill(&mut pairs.kept_isects, 1);
                 rec.fill(&mut pairs.kept_slots, 1);
             }
-            Prune::Remove => visit(&mut rec, job.grid, &scratch.projection, pairs, tile_offsets)?,
+            Prune::Remove => visit(&mut rec, (job.grid, num_active), &scratch.projection, pairs, tiles)?,
         }
         prefix_sum::exclusive(&mut rec, &mut pairs.kept_isects, total, &mut self.scan)?;
         prefix_sum::exclusive(&mut rec, &mut pairs.kept_slots, total, &mut self.scan)?;
         let bind = tile_bin_keep::Bind {
             slot_offsets: &scratch.slot_offsets,
             kept_slots: &pairs.kept_slots,
+            order: &scratch.projection.order.values,
             visible: &mut scratch.visible,
         };
         let params = tile_bin_keep::Params { n: dim(job.n), bands: job.bands };
@@ -313,9 +342,9 @@ impl TileBinner {
         lists: &mut VisibleLists,
         passes: &mut Vec<PassTime>,
     ) -> Result<(), KernelError> {
-        let scratch = self.splats.as_mut().expect("count has filled it");
-        let pairs = self.pairs.as_mut().expect("emit has filled it");
-        let tile_offsets = self.tile_offsets.as_ref().expect("emit has filled it");
+        let scratch = self.splats.as_ref().expect("count has filled it");
+        let pairs = self.pairs.as_ref().expect("emit has filled it");
+        let tiles = self.tiles.as_ref().expect("emit has filled it");
         let mut rec = self.device.recorder()?;
         let bind = tile_bin_splats::Bind {
             geom: &scratch.projection.geom,
@@ -327,15 +356,14 @@ impl TileBinner {
             visible_geom: &mut lists.geom,
             visible_dirs: &mut lists.dirs,
             splat_from_visible: &mut lists.splat_from_visible,
-            visible_offsets: &mut lists.slot_offsets,
-            visible_from_splat: &mut scratch.visible_from_splat,
+            slot_ranges: &mut lists.slot_ranges,
         };
         let params = tile_bin_splats::Params { n: dim(job.n), bands: job.bands };
         rec.dispatch(bind, params, Grid::threads(job.n))?;
         let bind = tile_bin_pairs::Bind {
             slots: &pairs.sort.values,
             splat_from_slot: &pairs.splat_from_slot,
-            visible_from_splat: &scratch.visible_from_splat,
+            visible: &scratch.visible,
             kept_isects: &pairs.kept_isects,
             kept_slots: &pairs.kept_slots,
             splat_from_isect: &mut lists.splat_from_isect,
@@ -343,30 +371,60 @@ impl TileBinner {
         };
         rec.dispatch(bind, tile_bin_pairs::Params { num_isects: dim(total) }, Grid::threads(total))?;
         let bind = tile_bin_tiles::Bind {
-            tile_offsets,
+            tile_offsets: &tiles.offsets,
             kept_isects: &pairs.kept_isects,
             kept_tile_offsets: &mut lists.tile_offsets,
         };
         let num_tiles = job.grid.num_tiles();
         rec.dispatch(bind, tile_bin_tiles::Params { num_tiles }, Grid::threads(num_tiles as usize + 1))?;
+        rec.copy(&tiles.order, 0, &mut lists.tile_order, 0, num_tiles as usize)?;
         passes.extend(rec.submit()?.passes);
         Ok(())
     }
 }
 
+/// Lists of a view that sees nothing.
+fn empty(device: &Device, grid: TileGrid) -> Result<VisibleLists, KernelError> {
+    let mut lists = VisibleLists::new(device, grid, [0; 3])?;
+    let order: Vec<u32> = (0..grid.num_tiles()).collect();
+    lists.tile_order.write(&order)?;
+    Ok(lists)
+}
+
+/// Finds where each tile begins in the sorted pairs and puts the tiles that have pairs first.
+fn order_tiles(
+    rec: &mut Recorder,
+    tile_keys: &Buffer<u32>,
+    total: usize,
+    tiles: &mut TileScratch,
+    scan: &mut prefix_sum::Scratch,
+) -> Result<(), KernelError> {
+    let count = tiles.order.len();
+    let num_tiles = dim(count);
+    let bind = tile_bin_ranges::Bind { tile_keys, tile_offsets: &mut tiles.offsets };
+    let params = tile_bin_ranges::Params { num_tiles, num_isects: dim(total) };
+    rec.dispatch(bind, params, Grid::threads(count + 1))?;
+    let bind = tile_bin_active::Bind { tile_offsets: &tiles.offsets, active_tiles: &mut tiles.active };
+    rec.dispatch(bind, tile_bin_active::Params { num_tiles }, Grid::threads(count))?;
+    prefix_sum::exclusive(rec, &mut tiles.active, count, scan)?;
+    let bind = tile_bin_order::Bind { active_tiles: &tiles.active, tile_order: &mut tiles.order };
+    rec.dispatch(bind, tile_bin_order::Params { num_tiles }, Grid::threads(count))
+}
+
 /// Marks the pairs that reach a pixel which has not stopped.
 fn visit(
     rec: &mut Recorder,
-    grid: TileGrid,
+    (grid, num_active): (TileGrid, usize),
     projection: &Projection,
     pairs: &mut PairScratch,
-    tile_offsets: &Buffer<u32>,
+    tiles: &TileScratch,
 ) -> Result<(), KernelError> {
     let bind = rasterize_visit::Bind {
         geom: &projection.geom,
         slot_from_isect: &pairs.sort.values,
         splat_from_slot: &pairs.splat_from_slot,
-        tile_offsets,
+        tile_offsets: &tiles.offsets,
+        tile_order: &tiles.order,
         kept_isect: &mut pairs.kept_isects,
         kept_slot: &mut pairs.kept_slots,
     };
@@ -374,10 +432,10 @@ fn visit(
         width: grid.width,
         height: grid.height,
         tiles_x: grid.tiles_x(),
-        num_tiles: grid.num_tiles(),
-        tile_stride: grid.stride(),
+        num_active: dim(num_active),
+        tile_stride: stride(num_active),
     };
-    rec.dispatch(bind, params, workgroups(grid))
+    rec.dispatch(bind, params, workgroups(num_active))
 }
 
 fn element(buffer: &Buffer<u32>, at: usize) -> Result<usize, KernelError> {

@@ -12,7 +12,7 @@ use crate::support::gpu::device;
 use crate::support::gradcheck::gradcheck;
 use crate::support::random::Random;
 
-/// (rows, n, k): every tile width, one and two texels per turn, rows that do not fill a tile.
+/// (rows, n, k): every tile width, rows that do not fill a tile.
 const SHAPES: [(usize, usize, usize); 8] =
     [(1, 8, 4), (7, 16, 8), (16, 32, 12), (17, 48, 20), (33, 96, 64), (5, 40, 36), (50, 24, 16), (16, 128, 128)];
 

@@ -52,16 +52,24 @@ fn lists_hold_what_each_tile_sees_in_depth_order() {
 fn slots_of_a_splat_are_contiguous_and_each_is_used_once() {
     let Some(gpu) = device() else { return };
     let lists = lists(&gpu, &scene::random(800, 4), &scene::view(90, 70), Prune::Remove);
-    let offsets = lists.slot_offsets.read().expect("read");
+    let ranges = lists.slot_ranges.read().expect("read");
     let splat = lists.splat_from_isect.read().expect("read");
     let slot = lists.slot_from_isect.read().expect("read");
     let mut used = vec![false; lists.num_isects];
     for i in 0..lists.num_isects {
         let (s, at) = (splat[i] as usize, slot[i]);
-        assert!(offsets[s] <= at && at < offsets[s + 1], "pair {i} lies in its splat's range");
+        assert!(ranges[2 * s] <= at && at < ranges[2 * s + 1], "pair {i} lies in its splat's range");
         assert!(!std::mem::replace(&mut used[at as usize], true), "slot {at} is used twice");
     }
-    assert_eq!(offsets[lists.num_visible] as usize, lists.num_isects, "every slot belongs to a splat");
+    assert!(used.iter().all(|u| *u), "every slot is used");
+    let splats = lists.splat_from_visible.read().expect("read");
+    assert!(splats.windows(2).all(|w| w[0] < w[1]), "visible splats stand in the order of the scene");
+    let (order, offsets) = (lists.tile_order.read().expect("read"), lists.tile_offsets.read().expect("read"));
+    let has_pairs = |tile: u32| offsets[tile as usize + 1] > offsets[tile as usize];
+    assert!(order[lists.num_active..].iter().all(|&t| !has_pairs(t)), "tiles beyond the active ones are empty");
+    let mut tiles = order.clone();
+    tiles.sort_unstable();
+    assert!(tiles.into_iter().eq(0..lists.grid.num_tiles()), "every tile once");
 }
 
 #[test]

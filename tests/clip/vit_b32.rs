@@ -1,0 +1,105 @@
+//! A ViT-B/32-shaped image tower with formula weights against transformers; see `tests/golden/README.md`.
+
+use guard4d_engine::clip::{Clip, ClipSource, Purpose};
+use guard4d_engine::tensor_file::{Tensor, TensorFile};
+
+use super::{Dims, Tower, length, pixels_of};
+use crate::support::close::{assert_close, cosine};
+use crate::support::gpu::device;
+use crate::support::repo;
+
+const CONFIG: &[u8] = br#"{
+    "projection_dim": 512,
+    "text_config": {"vocab_size": 8, "hidden_size": 8, "intermediate_size": 8, "num_hidden_layers": 1,
+                    "num_attention_heads": 1, "max_position_embeddings": 4, "bos_token_id": 6, "eos_token_id": 7},
+    "vision_config": {}
+}"#;
+
+const DIMS: Dims = Dims {
+    projection: 512,
+    vocab: 8,
+    positions: 4,
+    text: Tower { width: 8, inner: 8, layers: 1 },
+    vision: Tower { width: 768, inner: 3072, layers: 12 },
+    patch: 32,
+    patches: 49,
+};
+
+const BATCH: usize = 2;
+const SIDE: usize = 224;
+
+/// `count` values in [-1, 1) that depend on the name alone.
+fn formula(name: &str, count: usize) -> impl Iterator<Item = f64> {
+    let fnv = |seed: u32, byte: u8| (seed ^ u32::from(byte)).wrapping_mul(0x0100_0193);
+    let seed = name.bytes().fold(0x811c_9dc5, fnv);
+    (0..count as u32).map(move |i| {
+        let mut x = i.wrapping_mul(0x9e37_79b1).wrapping_add(seed);
+        x ^= x >> 16;
+        x = x.wrapping_mul(0x85eb_ca6b);
+        x ^= x >> 13;
+        x = x.wrapping_mul(0xc2b2_ae35);
+        x ^= x >> 16;
+        f64::from(x >> 8) / f64::from(1u32 << 23) - 1.0
+    })
+}
+
+fn scaled(name: &str, count: usize, scale: f64, shift: f64) -> Vec<f32> {
+    formula(name, count).map(|u| (shift + scale * u) as f32).collect()
+}
+
+fn weight(name: &str, shape: &[usize]) -> Tensor {
+    let count = shape.iter().product();
+    let norm = name.contains("norm");
+    let table = name.contains("position") || name.contains("token");
+    let values = if norm && name.ends_with(".weight") {
+        scaled(name, count, 0.1, 1.0)
+    } else if shape.len() >= 2 && !table {
+        scaled(name, count, (3.0 / shape[1..].iter().product::<usize>() as f64).sqrt(), 0.0)
+    } else {
+        scaled(name, count, 0.1, 0.0)
+    };
+    Tensor::f32(shape, values)
+}
+
+fn clip(gpu: &guard4d_kernels::Device) -> Clip {
+    let tensors = DIMS.tensors().into_iter().map(|(name, shape)| {
+        let tensor = weight(&name, &shape);
+        (name, tensor)
+    });
+    let file = TensorFile { tensors: tensors.collect(), ..TensorFile::default() };
+    let weights = file.to_bytes().expect("serialises");
+    Clip::load(gpu, &ClipSource::Bytes { config: CONFIG, weights: &weights }).expect("complete")
+}
+
+#[test]
+fn features_and_pixel_gradients_match_transformers() {
+    let Some(gpu) = device() else { return };
+    let tower = clip(&gpu).vision(Purpose::InputGradient).expect("tower");
+    let planes = scaled("pixel_values", BATCH * 3 * SIDE * SIDE, 2.0, 0.0);
+    let pixels = gpu.buffer_from("pixels", &pixels_of(&planes, SIDE)).expect("buffer");
+    let v_features = gpu.buffer_from("v_features", &scaled("v_features", BATCH * 512, 1.0, 0.0)).expect("buffer");
+    let mut v_pixels = gpu.buffer::<f32>("v_pixels", BATCH * SIDE * SIDE * 4).expect("buffer");
+    let mut ws = tower.workspace(BATCH).expect("workspace");
+    let mut rec = gpu.recorder().expect("recorder");
+    tower.forward(&mut rec, &pixels, &mut ws).expect("records");
+    tower.backward(&mut rec, &v_features, &mut ws, &mut v_pixels).expect("records");
+    rec.submit().expect("runs");
+
+    let golden = TensorFile::read(&repo("tests/golden/clip_vit_b32.safetensors")).expect("golden values");
+    let floats = |name: &str, shape: &[usize]| golden.floats(name, shape).expect("golden tensor").to_vec();
+    // f32 rounding through 24 half-layers against float64: 2e-4 of a feature's length, as for the miniature CLIP.
+    let embeds = floats("embeds", &[BATCH, 512]);
+    assert_close(&ws.embeds.read().expect("read"), &embeds, 2e-4 * length(&embeds[..512]), 0.0);
+    assert_close(&ws.features.read().expect("read"), &floats("features", &[BATCH, 512]), 2e-4, 0.0);
+    let v_pixels = v_pixels.read().expect("read");
+    let kept = floats("v_pixels_kept", &[BATCH, 3, 32, 32]);
+    let lengths = floats("v_pixels_norm", &[BATCH]);
+    for (image, gradient) in v_pixels.chunks_exact(SIDE * SIDE * 4).enumerate() {
+        // The gradient's length is a sum of 150,528 squares; its rounding is far below 1e-3.
+        assert_close(&[length(gradient)], &[lengths[image]], 0.0, 1e-3);
+        let place = |i: usize| ((3 + i / 32 % 32 * 7) * SIDE + 5 + i % 32 * 7) * 4 + i / 1024;
+        let got: Vec<f32> = (0..3 * 1024).map(|i| gradient[place(i)]).collect();
+        let similar = cosine(&got, &kept[image * 3 * 1024..][..3 * 1024]);
+        assert!(similar > 0.9999, "image {image}: cosine {similar}");
+    }
+}
