@@ -166,21 +166,19 @@ impl CameraSet {
     #[must_use]
     pub fn clips(&self) -> Vec<Vec<(Camera, f32)>> {
         if self.views.iter().any(|v| v.times.len() != 1) {
-            let clip = |v: &View| v.times.iter().map(|&t| (v.camera.clone(), t)).collect();
+            let clip = |v: &View| v.times.iter().map(|&t| (v.camera, t)).collect();
             return self.views.iter().map(clip).collect();
         }
         let mut moments: Vec<(f32, Vec<Camera>)> = Vec::new();
         for (_, camera, time) in self.entries() {
             match moments.iter_mut().find(|(t, _)| *t == time) {
-                Some((_, cameras)) => cameras.push(camera.clone()),
-                None => moments.push((time, vec![camera.clone()])),
+                Some((_, cameras)) => cameras.push(*camera),
+                None => moments.push((time, vec![*camera])),
             }
         }
         moments.sort_by(|a, b| a.0.total_cmp(&b.0));
         let clips = moments.iter().map(|(_, cameras)| cameras.len()).max().unwrap_or(0);
-        (0..clips)
-            .map(|k| moments.iter().filter_map(|(t, cameras)| Some((cameras.get(k)?.clone(), *t))).collect())
-            .collect()
+        (0..clips).map(|k| moments.iter().filter_map(|(t, cameras)| Some((*cameras.get(k)?, *t))).collect()).collect()
     }
 
     /// The same views, all at `times`.

@@ -71,7 +71,7 @@ impl Calibration {
         let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
         order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
         let weakest = order.get(bits - 1).map_or(0.0, |&i| eigen.eigenvalues[i]);
-        if !(weakest > 0.0) {
+        if weakest.is_nan() || weakest <= 0.0 {
             return Err(not_finite("response of the image features to offsets"));
         }
         let mut directions = DMatrix::zeros(width, bits);

@@ -15,7 +15,7 @@ use crate::train::schedule::cosine;
 
 /// How the decoder is trained.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DecoderTraining {
+pub(super) struct DecoderTraining {
     /// Messages per step.
     pub batch: usize,
     /// Passes over the training messages.

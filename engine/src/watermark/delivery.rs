@@ -117,8 +117,8 @@ fn promise(delivery: &Delivery<'_>) -> Result<Promise, EngineError> {
 
 fn figures(evaluation: &Evaluation) -> Figures {
     Figures {
-        psnr: evaluation.psnr.clone(),
-        foreground_psnr: Some(evaluation.foreground_psnr.clone()),
+        psnr: evaluation.psnr,
+        foreground_psnr: Some(evaluation.foreground_psnr),
         ssim: evaluation.ssim,
         lpips: None,
         bit_accuracy: BitAccuracies {

@@ -25,7 +25,7 @@ const FORMAT: &str = "guard4d.extractor/1";
 pub const CLIP_FRAMES: usize = 8;
 /// Channel statistics of OpenAI's CLIP (Radford et al. 2021); GuardSplat normalises with the same.
 const NORMALIZATION: Normalization =
-    Normalization { mean: [0.481_454_66, 0.457_827_5, 0.408_210_73], std: [0.268_629_54, 0.261_302_58, 0.275_777_11] };
+    Normalization { mean: [0.481_454_66, 0.457_827_5, 0.408_210_73], std: [0.268_629_55, 0.261_302_6, 0.275_777_1] };
 /// What happens to a frame before R, for receipts.
 pub const PREPROCESS: &str = "resize: bilinear, antialiased, align_corners; squashed to CLIP's size; rgb in [0, 1]";
 

@@ -111,11 +111,11 @@ impl TmsdWeights {
                 layer[(out * inputs + input) * TAPS + CENTRE] = value;
             };
             if i == last {
-                for out in 0..outputs {
-                    for c in 0..RGB {
+                for (out, row) in map.iter().enumerate() {
+                    for (c, &wanted) in row.iter().enumerate() {
                         // x + s·Δ(x) = M x, so Δ = (M − 1) / s.
                         let identity = f32::from(u8::from(out == c));
-                        let value = (map[out][c] - identity) / config.scale;
+                        let value = (wanted - identity) / config.scale;
                         set(out, 2 * c, value);
                         set(out, 2 * c + 1, -value);
                     }
