@@ -106,7 +106,7 @@ impl TmsdWeights {
         let channels = config.channels();
         let last = config.depth - 1;
         for (i, layer) in weights.layers.iter_mut().enumerate() {
-            let (inputs, outputs) = channels[i];
+            let inputs = channels[i].0;
             let mut set = |out: usize, input: usize, value: f32| {
                 layer[(out * inputs + input) * TAPS + CENTRE] = value;
             };
