@@ -59,6 +59,8 @@ pub(crate) enum Command {
     Inspect(InspectArgs),
     /// Lists the Vulkan devices
     Devices,
+    /// Runs one operation from a file to a file, for comparison with other implementations
+    Dump(DumpArgs),
 }
 
 #[derive(Args, Debug)]
@@ -236,6 +238,101 @@ pub(crate) struct RenderArgs {
 pub(crate) struct InspectArgs {
     /// Model folder, PLY, key or receipt
     pub(crate) path: PathBuf,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct DumpArgs {
+    #[command(subcommand)]
+    pub(crate) command: DumpCommand,
+    /// Replace what is there
+    #[arg(short = 'w', long, global = true)]
+    pub(crate) overwrite: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum DumpCommand {
+    /// Deformed splats of a model at one time, before activation
+    ///
+    /// Writes xyz [N,3], scale [N,3], rot [N,4], opacity [N,1] and sh [N,16,3]; of a moving model also
+    /// feat [N,levels*channels] and hidden [N,width].
+    Deform {
+        /// 4DGaussians model folder or static INRIA PLY
+        model: PathBuf,
+        /// Time from 0 to 1
+        #[arg(long)]
+        time: f32,
+        /// safetensors file to write
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Picture, transmittance and SH gradient of one view
+    ///
+    /// Writes image [H,W,3] (not clamped) and final_T [H,W]; with --v-image also dL_dsh [N,16,3].
+    Render {
+        /// 4DGaussians model folder or static INRIA PLY
+        model: PathBuf,
+        /// JSON with width, height, fx, fy and world_to_camera_row_major; background and time if wanted
+        #[arg(long)]
+        camera: PathBuf,
+        /// Time from 0 to 1 instead of the camera's
+        #[arg(long)]
+        time: Option<f32>,
+        /// safetensors file with dL_dimage [H,W,3]
+        #[arg(long)]
+        v_image: Option<PathBuf>,
+        /// safetensors file to write
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// CLIP features and the gradient of the pixels
+    ///
+    /// Reads pixel_values [B,3,S,S] (normalised), input_ids [T,77] and v_image_embeds [G,D] (gradient of the first G
+    /// images' features), each if it is there. Writes image_embeds [B,D] and text_embeds [T,D] of unit length, and
+    /// v_pixel_values [G,3,S,S].
+    Clip {
+        /// CLIP checkpoint: `mini` (embedded) or a folder with config.json and model.safetensors
+        #[arg(long, default_value = "mini")]
+        clip: String,
+        #[command(flatten)]
+        io: DumpIo,
+    },
+    /// 3x3x3 convolution and its gradients
+    ///
+    /// Reads x [F,H,W,Ci] and weight [Co,Ci,3,3,3], and bias [Co] and v_y [F,H,W,Co] if they are there. Writes
+    /// y [F,H,W,Co]; with v_y also v_x, v_weight and v_bias.
+    Conv3d {
+        /// What lies outside the clip
+        #[arg(long, value_enum, default_value = "clip")]
+        border: BorderArg,
+        #[command(flatten)]
+        io: DumpIo,
+    },
+    /// Mean SSIM of a clip and its gradient
+    ///
+    /// Reads x and y [F,H,W,C] with C = 3 or 4, the fourth channel unread. Writes value [1] and v_x like x.
+    Ssim {
+        #[command(flatten)]
+        io: DumpIo,
+    },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum BorderArg {
+    /// Zeros
+    Zero,
+    /// Nearest frame in time, mirrored in space: what the extractor uses
+    Clip,
+}
+
+/// Input and output of a dump.
+#[derive(Args, Debug)]
+pub(crate) struct DumpIo {
+    /// safetensors file to read
+    #[arg(long)]
+    pub(crate) input: PathBuf,
+    /// safetensors file to write
+    #[arg(long)]
+    pub(crate) out: PathBuf,
 }
 
 fn parse_size(text: &str) -> Result<(u32, u32), String> {

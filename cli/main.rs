@@ -3,6 +3,7 @@
 mod args;
 mod demo;
 mod devices;
+mod dump;
 mod embed;
 mod inspect;
 mod keygen;
@@ -39,6 +40,7 @@ fn run(cli: &Cli) -> Result<Outcome, EngineError> {
     match &cli.command {
         Command::Demo(args) => demo::run(args, &cli.common),
         Command::Devices => devices::run(&cli.common),
+        Command::Dump(args) => dump::run(args, &cli.common),
         Command::Embed(args) => embed::run(args, &cli.common),
         Command::Inspect(args) => inspect::run(args, &cli.common),
         Command::Keygen(args) => keygen::run(args, &cli.common),

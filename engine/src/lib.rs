@@ -4,6 +4,7 @@
 pub mod clip;
 pub mod deform;
 pub mod demo;
+pub mod dump;
 pub mod error;
 pub mod media;
 pub mod output;

@@ -5,6 +5,7 @@ pub mod image;
 pub mod loss;
 pub mod nn;
 pub mod optim;
+pub mod probe;
 #[cfg(feature = "reference")]
 pub mod reference;
 #[allow(clippy::unreadable_literal, missing_docs, reason = "generated code")]

@@ -4,5 +4,6 @@ mod image;
 mod loss;
 mod nn;
 mod optim;
+mod probe;
 mod scan;
 mod splat;

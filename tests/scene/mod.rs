@@ -4,6 +4,8 @@ use guard4d_engine::EngineError;
 
 mod camera;
 mod cfg_args;
+mod clips;
+mod demo;
 mod fixture;
 mod model;
 mod output;

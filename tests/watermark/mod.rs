@@ -1,7 +1,10 @@
+mod calibration;
+mod decoder;
 mod evidence;
 mod message;
 mod metrics;
 mod prf;
 mod receipt;
 mod statistics;
+mod tmsd;
 mod tokens;

@@ -9,6 +9,7 @@ use guard4d_kernels::{Buffer, Device};
 
 use crate::error::EngineError;
 use crate::scene::{DeformationWeights, Gaussians};
+pub use network::HiddenRows;
 use network::Network;
 pub use state::SplatState;
 
@@ -105,5 +106,14 @@ impl DeformField {
         };
         self.cached.push((key, Arc::clone(&state)));
         Ok(state)
+    }
+
+    /// Features and shared layers of the network at `time`; `None` for a static scene.
+    ///
+    /// # Errors
+    /// As [`DeformField::at`].
+    pub fn hidden(&mut self, time: f32) -> Result<Option<HiddenRows>, EngineError> {
+        let Some(network) = self.network.as_mut() else { return Ok(None) };
+        network.hidden(&self.device, &self.canonical, time).map(Some)
     }
 }

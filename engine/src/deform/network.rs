@@ -35,6 +35,23 @@ struct Layer {
     output: Buffer<f32>,
 }
 
+impl Layer {
+    fn forward(
+        &mut self,
+        rec: &mut Recorder,
+        input: &Buffer<f32>,
+        rows: usize,
+        activation: Activation,
+    ) -> Result<(), KernelError> {
+        let product = Product {
+            bias: Some(&self.bias),
+            epilogue: Epilogue::Activate(activation),
+            ..Product::plain(input, rows, &self.weight)
+        };
+        matmul::forward(rec, &product, &mut self.output)
+    }
+}
+
 /// Weights of a layer before packing; rows and columns that stay zero are padding.
 struct Matrix {
     weight: Vec<f32>,
@@ -87,6 +104,29 @@ pub(super) struct Network {
     rotation: RotationUpdate,
     chunk: Chunk,
     rows: usize,
+    sizes: Sizes,
+}
+
+/// Sizes before padding.
+#[derive(Clone, Copy, Debug)]
+struct Sizes {
+    /// Levels of planes.
+    levels: usize,
+    /// Features of one level.
+    channels: usize,
+    /// Columns of the shared layers.
+    width: usize,
+    /// Number of shared layers.
+    trunk: usize,
+}
+
+/// What the network computes on the way to the heads, row-major without padding; only comparisons ask for it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct HiddenRows {
+    /// `[N, levels * channels]`
+    pub feat: Vec<f32>,
+    /// `[N, net_width]`: output of the shared layers, before the heads' ReLU.
+    pub hidden: Vec<f32>,
 }
 
 impl Network {
@@ -114,7 +154,46 @@ impl Network {
             sh: deforms_sh.then(|| Ok::<_, KernelError>([sh("deform.sh")?, sh("deform.deformed_sh")?])).transpose()?,
             features: device.buffer("deform.features", rows * planes.features())?,
         };
-        Ok(Self { planes, layers, rotation, chunk, rows })
+        let (levels, width, trunk) = (weights.grids.len(), weights.config.net_width, weights.feature_out.len());
+        let sizes = Sizes { levels, channels, width, trunk };
+        Ok(Self { planes, layers, rotation, chunk, rows, sizes })
+    }
+
+    /// Features and shared layers of all splats at `time`.
+    pub(super) fn hidden(
+        &mut self,
+        device: &Device,
+        canonical: &SplatState,
+        time: f32,
+    ) -> Result<HiddenRows, EngineError> {
+        let n = canonical.len();
+        let Sizes { levels, channels, width, trunk } = self.sizes;
+        let mut found = HiddenRows::default();
+        let mut first = 0;
+        while first < n {
+            let start = first.min(n - self.rows);
+            let mut rec = device.recorder()?;
+            self.load(&mut rec, canonical, start)?;
+            let means = &self.chunk.raw[0];
+            hexplane::forward(&mut rec, &self.planes, means, time, &mut self.chunk.features)?;
+            let mut input = &self.chunk.features;
+            for (i, layer) in self.layers[..trunk].iter_mut().enumerate() {
+                let activation = if i + 1 == trunk { Activation::Identity } else { layer.activation };
+                layer.forward(&mut rec, input, self.rows, activation)?;
+                input = &layer.output;
+            }
+            rec.submit()?;
+            // Rows that the chunk before has given already stay out.
+            let seen = first - start;
+            let feat = self.chunk.features.read()?;
+            let padded = self.planes.features() / levels;
+            found.feat.extend(feat.chunks(padded).skip(seen * levels).flat_map(|part| &part[..channels]));
+            let hidden = input.read()?;
+            let padded = width.next_multiple_of(LANES);
+            found.hidden.extend(hidden.chunks(padded).skip(seen).flat_map(|row| &row[..width]));
+            first += self.rows;
+        }
+        Ok(found)
     }
 
     /// The splats at `time`.
@@ -161,12 +240,7 @@ impl Network {
         hexplane::forward(rec, &self.planes, means, time, &mut self.chunk.features)?;
         let mut input = &self.chunk.features;
         for layer in &mut self.layers {
-            let product = Product {
-                bias: Some(&layer.bias),
-                epilogue: Epilogue::Activate(layer.activation),
-                ..Product::plain(input, self.rows, &layer.weight)
-            };
-            matmul::forward(rec, &product, &mut layer.output)?;
+            layer.forward(rec, input, self.rows, layer.activation)?;
             input = &layer.output;
         }
         let heads = Heads { data: input, columns: input.len() / self.rows };

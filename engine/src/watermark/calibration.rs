@@ -16,7 +16,7 @@ use crate::tensor_file::{Tensor, TensorFile};
 /// Ridge on the content covariance, as a share of its mean eigenvalue: few clips must not look like certainty.
 const RIDGE: f64 = 0.05;
 /// Content's standard deviation along each bit, where ±1 is the text feature of a written bit.
-const CONTENT_LEVEL: f64 = 0.35;
+pub const CONTENT_LEVEL: f64 = 0.35;
 
 /// The affine map f ↦ mean_text + codesᵀ · directionsᵀ (f − mean_image).
 #[derive(Clone, Debug, PartialEq)]
@@ -52,6 +52,11 @@ impl Calibration {
     /// [`EngineError::NotFinite`] when features are not finite or too few to fit.
     pub fn fit(data: &CalibrationData<'_>, rng: &mut ChaCha20Rng) -> Result<Self, EngineError> {
         let CalibrationData { width, bits, .. } = *data;
+        let not_finite = |what: &str| EngineError::NotFinite { what: what.to_owned(), got: f64::NAN };
+        // The eigenvalue iteration would never end on them.
+        if data.content.iter().chain(data.responses).any(|v| !v.is_finite()) {
+            return Err(not_finite("image features for the calibration"));
+        }
         let content = rows(data.content, width);
         let mean = content.row_mean();
         let centred = DMatrix::from_fn(content.nrows(), width, |i, j| content[(i, j)] - mean[j]);
@@ -61,7 +66,6 @@ impl Calibration {
             noise[(i, i)] += ridge;
         }
         let responses = rows(data.responses, width);
-        let not_finite = |what: &str| EngineError::NotFinite { what: what.to_owned(), got: f64::NAN };
         let cholesky = noise.cholesky().ok_or_else(|| not_finite("image features of the unmarked clips"))?;
         // With the content whitened (w = L⁻¹ r), the problem is the responses' own Gram matrix.
         let whitened =

@@ -4,6 +4,7 @@ pub mod image;
 pub mod loss;
 pub mod nn;
 pub mod optim;
+pub mod probe;
 pub mod scan;
 pub mod splat;
 

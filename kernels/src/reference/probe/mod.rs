@@ -1,0 +1,3 @@
+//! Twins of the `probe` kernels.
+
+pub mod mul_add;

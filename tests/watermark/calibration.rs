@@ -1,0 +1,140 @@
+//! Modality calibration: the scale of the fit, the fold into the decoder, and what the fit refuses.
+
+use guard4d_engine::EngineError;
+use guard4d_engine::tensor_file::TensorFile;
+use guard4d_engine::watermark::calibration::{CONTENT_LEVEL, Calibration, CalibrationData, bit_codes};
+use guard4d_engine::watermark::prf::{MasterSecret, Prf, Purpose};
+
+use super::decoder::{logits, random_weights, wide};
+use crate::support::close::assert_close;
+use crate::support::random::Random;
+
+const WIDTH: usize = 24;
+const BITS: usize = 8;
+const FRAMES: usize = 60;
+const FIELDS: usize = 32;
+
+/// Features of frames that vary more along early axes, and responses that move late axes more.
+fn features(seed: u64) -> (Vec<f32>, Vec<f32>) {
+    let mut random = Random(seed);
+    let content = (0..FRAMES * WIDTH).map(|i| 1.0 + random.uniform(-1.0, 1.0) as f32 / (1 + i % WIDTH) as f32);
+    let content = content.collect();
+    let responses = (0..FIELDS * WIDTH).map(|i| random.uniform(-0.01, 0.01) as f32 * (i % WIDTH) as f32);
+    (content, responses.collect())
+}
+
+fn fit(content: &[f32], responses: &[f32], bits: usize) -> Result<Calibration, EngineError> {
+    let mut rng = Prf::new(&MasterSecret::from_bytes([7; 32])).stream(Purpose::Calibration, 0);
+    Calibration::fit(&CalibrationData { content, responses, width: WIDTH, bits }, &mut rng)
+}
+
+fn fitted(seed: u64) -> Calibration {
+    let (content, responses) = features(seed);
+    fit(&content, &responses, BITS).expect("finite features")
+}
+
+/// directionsᵀ (f − mean_image)
+fn projected(map: &Calibration, feature: &[f32]) -> Vec<f64> {
+    let term = |j: usize, bit: usize| f64::from(map.directions[j * BITS + bit]);
+    let moved = |j: usize| f64::from(feature[j]) - f64::from(map.mean_image[j]);
+    (0..BITS).map(|bit| (0..WIDTH).map(|j| term(j, bit) * moved(j)).sum()).collect()
+}
+
+#[test]
+fn content_sits_at_its_level_around_the_mean() {
+    for seed in 0..3 {
+        let (content, _) = features(seed);
+        let map = fitted(seed);
+        let along: Vec<f64> = content.chunks_exact(WIDTH).flat_map(|f| projected(&map, f)).collect();
+        let rms = (along.iter().map(|v| v * v).sum::<f64>() / along.len() as f64).sqrt();
+        // The directions are rounded to f32 once.
+        assert!((rms / CONTENT_LEVEL - 1.0).abs() < 1e-5, "{rms} against {CONTENT_LEVEL}");
+        for bit in 0..BITS {
+            let mean: f64 = along.iter().skip(bit).step_by(BITS).sum::<f64>() / FRAMES as f64;
+            assert!(mean.abs() < 1e-5, "bit {bit}: {mean}");
+        }
+    }
+}
+
+#[test]
+fn directions_shrink_as_features_grow() {
+    let (content, responses) = features(4);
+    let twice = |v: &[f32]| v.iter().map(|x| 2.0 * x).collect::<Vec<_>>();
+    let (small, large) = (fitted(4), fit(&twice(&content), &twice(&responses), BITS).expect("finite features"));
+    // The same numbers but for powers of two, through an iteration whose thresholds are relative.
+    assert_close(&twice(&large.directions), &small.directions, 1e-4, 1e-4);
+    assert_close(&large.mean_image, &twice(&small.mean_image), 0.0, 1e-6);
+}
+
+#[test]
+fn same_key_and_features_give_the_same_map() {
+    assert_eq!(fitted(5), fitted(5), "deterministic");
+    assert_ne!(fitted(5), fitted(6), "features matter");
+}
+
+#[test]
+fn fold_is_the_affine_map_followed_by_the_decoder() {
+    let mut random = Random(7);
+    let map = fitted(7);
+    let decoder = random_weights(&mut random, WIDTH, BITS);
+    let (codes, text_mean) = (random.vec_f32(BITS * WIDTH, -0.3, 0.3), random.vec_f32(WIDTH, -1.0, 1.0));
+    let folded = map.fold(&decoder, &codes, &text_mean);
+    for feature in features(7).0.chunks_exact(WIDTH).take(5) {
+        let bits = projected(&map, feature);
+        let text: Vec<f64> = (0..WIDTH)
+            .map(|j| {
+                f64::from(text_mean[j]) + (0..BITS).map(|b| bits[b] * f64::from(codes[b * WIDTH + j])).sum::<f64>()
+            })
+            .collect();
+        let want: Vec<f32> = logits(&decoder, &text).iter().map(|v| *v as f32).collect();
+        let got: Vec<f32> = logits(&folded, &wide(feature)).iter().map(|v| *v as f32).collect();
+        // The folded weights are rounded to f32 and multiply features far from their mean.
+        assert_close(&got, &want, 1e-4, 1e-4);
+    }
+    assert_eq!(folded.layers[1..], decoder.layers[1..], "only the first layer changes");
+}
+
+#[test]
+fn poison_and_scarcity_are_refused() {
+    let (content, responses) = features(8);
+    for poison in [f32::NAN, f32::INFINITY] {
+        let mut bad = content.clone();
+        bad[5] = poison;
+        let error = fit(&bad, &responses, BITS).expect_err("poisoned content");
+        assert!(matches!(error, EngineError::NotFinite { .. }), "{error}");
+        let mut bad = responses.clone();
+        bad[5] = poison;
+        let error = fit(&content, &bad, BITS).expect_err("poisoned responses");
+        assert!(matches!(error, EngineError::NotFinite { .. }), "{error}");
+    }
+    for (content, responses, what) in [
+        (&content[..], &responses[..(BITS - 1) * WIDTH], "fewer responses than bits"),
+        (&content[..], &vec![0.0; responses.len()][..], "responses that move nothing"),
+        (&content[..0], &responses[..], "no content"),
+    ] {
+        assert!(matches!(fit(content, responses, BITS), Err(EngineError::NotFinite { .. })), "{what}");
+    }
+}
+
+#[test]
+fn codes_are_half_the_change_of_a_flipped_bit() {
+    let mean = [0.5f32, -1.0];
+    let steps = [[0.25f32, 0.0], [0.0, 0.75]];
+    let (mut features, mut signs) = (Vec::new(), Vec::new());
+    for (a, b) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
+        signs.extend([a, b]);
+        features.extend((0..2).map(|j| mean[j] + a * steps[0][j] + b * steps[1][j]));
+    }
+    // Powers of two: exact.
+    assert_close(&bit_codes(&features, &signs, &mean, 2), steps.as_flattened(), 0.0, 0.0);
+}
+
+#[test]
+fn file_gives_back_what_was_stored() {
+    let map = fitted(9);
+    let mut file = TensorFile::default();
+    map.store(&mut file, BITS);
+    assert_eq!(Calibration::load(&file, WIDTH, BITS).expect("loads"), map, "round trip");
+    let error = Calibration::load(&file, WIDTH, BITS + 8).expect_err("another length").to_string();
+    assert!(error.contains("calibration.directions"), "{error}");
+}
