@@ -1,0 +1,20 @@
+//! Stable sort of pairs.
+
+use guard4d_kernels::scan::radix_sort::{self, SortPairs};
+
+use crate::Outcome;
+use crate::harness::{Bench, Work};
+
+const PAIRS: usize = 1 << 20;
+
+pub(crate) fn measure(bench: &mut Bench) -> Outcome {
+    // A multiplicative hash: every digit is evenly spread.
+    let keys: Vec<u32> = (0..PAIRS as u32).map(|i| i.wrapping_mul(0x9e37_79b9)).collect();
+    let unsorted = bench.device.buffer_from("unsorted", &keys)?;
+    let mut pairs = SortPairs::new(&bench.device, "pairs", PAIRS)?;
+    let work = Work::Bytes(16.0 * PAIRS as f64, "16·n, as if one pass did");
+    bench.passes("scan/radix_sort 1 Mi pairs, 32 bits", work, |rec| {
+        rec.copy(&unsorted, 0, &mut pairs.keys, 0, PAIRS)?;
+        radix_sort::sort(rec, &mut pairs, PAIRS, u32::BITS)
+    })
+}
