@@ -59,8 +59,8 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     let marked = Model::open(&out.path().join(MARKED))?;
     let frames = clean_clips(&device, &marked, &cameras)?;
     let clean = clean_clips(&device, &model, &cameras)?;
-    write_clip(out.path(), "marked", &frames[0])?;
-    write_clip(out.path(), "clean", &clean[0])?;
+    write_clip(out.path(), "marked", &frames.concat())?;
+    write_clip(out.path(), "clean", &clean.concat())?;
     embedded.seconds.insert("render".to_owned(), started.elapsed().as_secs_f64());
 
     talk("4/4 verify: from the video alone");

@@ -21,7 +21,7 @@ const TAPS: usize = 27;
 /// Index of the middle tap of 3×3×3.
 const CENTRE: usize = 13;
 
-/// Size of the network. The paper says only "shallow"; see docs/method.md for the choice.
+/// Size of the network. The paper says only "shallow"; three layers of 3×3×3 are the usual reading.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TmsdConfig {

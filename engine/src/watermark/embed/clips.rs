@@ -12,7 +12,7 @@ use crate::error::EngineError;
 use crate::render::{FramePlan, Prune, Renderer};
 use crate::scene::Camera;
 
-/// One viewpoint over [`crate::watermark::extractor::CLIP_FRAMES`] times.
+/// [`crate::watermark::extractor::CLIP_FRAMES`] frames that are trained on together.
 #[derive(Debug)]
 pub(super) struct TrainingClip {
     pub(super) plans: Vec<Arc<FramePlan>>,
@@ -36,14 +36,14 @@ pub(super) struct ClipBuilder<'a> {
 }
 
 impl ClipBuilder<'_> {
-    /// Plans and renders one view.
-    pub(super) fn build(&mut self, camera: &Camera, times: &[f32]) -> Result<TrainingClip, EngineError> {
-        let mut plans = Vec::with_capacity(times.len());
-        for &time in times {
-            let state = self.field.at(time)?;
+    /// Plans and renders one clip.
+    pub(super) fn build(&mut self, shots: &[(Camera, f32)]) -> Result<TrainingClip, EngineError> {
+        let mut plans = Vec::with_capacity(shots.len());
+        for (camera, time) in shots {
+            let state = self.field.at(*time)?;
             plans.push(Arc::new(self.renderer.plan(&state, camera, Prune::Remove)?));
         }
-        let frames = times.len();
+        let frames = shots.len();
         let (from, to) = (self.resize.from, self.resize.to);
         let full = frames * from.height * from.width * 4;
         let mut raw = self.device.buffer("clip.raw", full)?;

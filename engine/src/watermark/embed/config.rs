@@ -54,7 +54,7 @@ pub struct EmbedConfig {
     pub mode: ExtractorMode,
     /// Training steps, one clip each.
     pub steps: usize,
-    /// Training viewpoints, one clip each.
+    /// Training clips.
     pub views: u32,
     /// Width and height of training frames in pixels.
     pub size_px: (u32, u32),
@@ -105,8 +105,8 @@ impl EmbedConfig {
     #[must_use]
     pub fn new(profile: Profile, mode: ExtractorMode) -> Self {
         let (steps, views, size, responses) = match profile {
-            Profile::Draft => (200, 24, 200, 48),
-            Profile::Balanced => (400, 40, 400, 64),
+            Profile::Draft => (300, 40, 200, 64),
+            Profile::Balanced => (450, 56, 400, 64),
         };
         Self {
             profile,
@@ -114,13 +114,13 @@ impl EmbedConfig {
             steps,
             views,
             size_px: (size, size),
-            elevation_deg: (5.0, 60.0),
+            elevation_deg: (0.0, 75.0),
             radius: 4.0,
             fov_deg: 39.6,
             seed: 0,
-            target_psnr: 42.5,
-            start_psnr: 38.0,
-            lr_dc: 0.02,
+            target_psnr: 43.0,
+            start_psnr: 40.0,
+            lr_dc: 0.006,
             lr_tmsd: 2e-4,
             lr_floor: 0.05,
             margin: 4.0,
@@ -128,10 +128,10 @@ impl EmbedConfig {
             lambda_ssim: 0.2,
             lambda_offset: 0.0,
             control: Control::InverseBce { eps: 0.5 },
-            lambda_control: 1.0,
+            lambda_control: 0.3,
             noise_sigma: (0.002, 0.05),
             tmsd: TmsdConfig::default(),
-            null_gain: 12.0,
+            null_gain: 3.0,
             null_level: 0.02,
             responses,
         }

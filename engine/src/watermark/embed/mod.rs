@@ -34,6 +34,9 @@ use step::{Critic, Rates, Stage};
 /// Weight of the newest step in the running mean of the squared error.
 const MSE_SHARE: f32 = 0.2;
 
+/// Training clips that share their times.
+const CLIPS_PER_TIMES: usize = 4;
+
 /// A finished embedding.
 #[derive(Debug)]
 pub struct Embedded {
@@ -200,7 +203,10 @@ impl<'a> Embedding<'a> {
     }
 }
 
-/// Random views, each over the whole motion with times of its own.
+/// Random views over the whole motion.
+///
+/// A clip of `joint` is one view, because its R learns how neighbouring frames belong together. Without temporal
+/// weights to train, each frame gets a view of its own: one step then sees eight views instead of one.
 fn training_clips(
     subject: &Subject<'_>,
     config: &EmbedConfig,
@@ -217,7 +223,14 @@ fn training_clips(
         target: glam::Vec3::ZERO,
         lens: Lens { fov_x_rad: config.fov_deg.to_radians(), size },
     };
-    let views: CameraSet = band.sample(config.views, config.seed)?;
+    let frames = u32::try_from(CLIP_FRAMES).expect("a clip is a handful of frames");
+    let per_clip = if config.mode == ExtractorMode::Joint { 1 } else { CLIP_FRAMES };
+    let cameras: CameraSet = match per_clip {
+        1 => band.sample(config.views, config.seed)?,
+        _ => band.sample(config.views * frames, config.seed)?,
+    };
+    // A few clips share each set of times, so that the deformation is evaluated once for them.
+    let mut times = [0.0; CLIP_FRAMES];
     let mut builder = ClipBuilder {
         device: subject.device,
         field: &mut field,
@@ -226,11 +239,14 @@ fn training_clips(
         background: stage.background,
         with_similarity: config.lambda_recon > 0.0,
     };
-    let mut clips = Vec::with_capacity(views.views.len());
-    for view in &views.views {
-        let shift = unit(&mut rng);
-        let times: Vec<f32> = (0..CLIP_FRAMES).map(|i| (i as f32 + shift) / CLIP_FRAMES as f32).collect();
-        clips.push(builder.build(&view.camera, &times)?);
+    let mut clips = Vec::with_capacity(config.views as usize);
+    for (number, views) in cameras.views.chunks(per_clip).enumerate() {
+        if number % CLIPS_PER_TIMES == 0 {
+            let shift = unit(&mut rng);
+            times = std::array::from_fn(|i| (i as f32 + shift) / CLIP_FRAMES as f32);
+        }
+        let shots: Vec<_> = times.iter().zip(views.iter().cycle()).map(|(&t, view)| (view.camera, t)).collect();
+        clips.push(builder.build(&shots)?);
     }
     Ok(clips)
 }
