@@ -105,7 +105,7 @@ impl EmbedConfig {
     #[must_use]
     pub fn new(profile: Profile, mode: ExtractorMode) -> Self {
         let (steps, views, size, responses) = match profile {
-            Profile::Draft => (300, 40, 200, 64),
+            Profile::Draft => (450, 56, 200, 64),
             Profile::Balanced => (450, 56, 400, 64),
         };
         Self {
@@ -123,7 +123,7 @@ impl EmbedConfig {
             lr_dc: 0.006,
             lr_tmsd: 2e-4,
             lr_floor: 0.05,
-            margin: 4.0,
+            margin: 5.0,
             lambda_recon: 0.0,
             lambda_ssim: 0.2,
             lambda_offset: 0.0,
