@@ -2,7 +2,7 @@
 
 use guard4d_engine::EngineError;
 use guard4d_engine::clip::{Clip, ClipSource};
-use guard4d_engine::output::Existing;
+use guard4d_engine::output::{AtomicFile, Existing};
 use guard4d_engine::watermark::key::{Key, KeyReport, read_secret};
 use guard4d_kernels::Device;
 
@@ -10,11 +10,13 @@ use crate::args::{Common, KeygenArgs};
 use crate::report::{Outcome, print, table};
 
 pub(crate) fn run(args: &KeygenArgs, common: &Common) -> Result<Outcome, EngineError> {
+    let existing = if args.overwrite { Existing::Replace } else { Existing::Refuse };
+    // Half a minute of training must not end at a place that cannot be written.
+    drop(AtomicFile::create(&args.out, existing)?);
     let device = Device::open(&common.device)?;
     let clip = Clip::load(&device, &ClipSource::from_argument(&args.clip))?;
     let secret = read_secret(args.secret.as_ref())?;
     let (key, report) = Key::generate(&device, &clip, secret, args.bits)?;
-    let existing = if args.overwrite { Existing::Replace } else { Existing::Refuse };
     key.write(&args.out, existing)?;
     print(common, &report, human)?;
     if !common.quiet {

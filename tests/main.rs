@@ -7,6 +7,7 @@ mod cli;
 mod clip;
 mod kernels;
 mod media;
+mod pipeline;
 mod render;
 mod scene;
 mod support;

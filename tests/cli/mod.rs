@@ -1,6 +1,10 @@
 //! The program itself: exit codes, messages, what goes to stdout, and what is left on disk.
 
 mod dump;
+mod inputs;
+mod outputs;
+mod usage;
+mod verify;
 
 use std::ffi::OsStr;
 use std::fs;

@@ -11,26 +11,26 @@ use tempfile::TempDir;
 use crate::support::pth_builder::{NamedTensor, RawView, bare, state_dict};
 use crate::support::random::Random;
 
-pub(super) const SPLATS: usize = 3;
-pub(super) const WIDTH: usize = 4;
-pub(super) const CHANNELS: usize = 2;
-pub(super) const MULTIRES: [usize; 2] = [1, 2];
-pub(super) const RESOLUTION: [usize; 4] = [3, 4, 5, 2];
+pub(crate) const SPLATS: usize = 3;
+pub(crate) const WIDTH: usize = 4;
+pub(crate) const CHANNELS: usize = 2;
+pub(crate) const MULTIRES: [usize; 2] = [1, 2];
+pub(crate) const RESOLUTION: [usize; 4] = [3, 4, 5, 2];
 
 /// A model folder that is removed with this value.
-pub(super) struct TinyModel {
-    pub(super) folder: TempDir,
+pub(crate) struct TinyModel {
+    pub(crate) folder: TempDir,
 }
 
 impl TinyModel {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let model = Self { folder: tempfile::tempdir().expect("a temporary folder can be made") };
         model.write("cfg_args", cfg_args().as_bytes());
         model.write_iteration(20000);
         model
     }
 
-    pub(super) fn write_iteration(&self, iteration: u32) {
+    pub(crate) fn write_iteration(&self, iteration: u32) {
         let folder = format!("point_cloud/iteration_{iteration}");
         let table = RawView::contiguous(&[SPLATS]);
         let accum = RawView::contiguous(&[SPLATS, 3]);
@@ -40,33 +40,33 @@ impl TinyModel {
         self.write(&format!("{folder}/deformation_accum.pth"), &bare("FloatStorage", &accum, 9, &[0; SPLATS * 12]));
     }
 
-    pub(super) fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         self.folder.path()
     }
 
-    pub(super) fn file(&self, name: &str) -> PathBuf {
+    pub(crate) fn file(&self, name: &str) -> PathBuf {
         self.path().join(name)
     }
 
     /// A file of the iteration folder.
-    pub(super) fn saved(&self, name: &str) -> String {
+    pub(crate) fn saved(&self, name: &str) -> String {
         format!("point_cloud/iteration_20000/{name}")
     }
 
-    pub(super) fn write(&self, name: &str, bytes: &[u8]) {
+    pub(crate) fn write(&self, name: &str, bytes: &[u8]) {
         let path = self.file(name);
         let parent = path.parent().expect("the path has a folder");
         fs::create_dir_all(parent).expect("a temporary folder is writable");
         fs::write(path, bytes).expect("a temporary folder is writable");
     }
 
-    pub(super) fn write_tensors(&self, tensors: &[NamedTensor]) {
+    pub(crate) fn write_tensors(&self, tensors: &[NamedTensor]) {
         self.write(&self.saved("deformation.pth"), &state_dict(tensors));
     }
 }
 
 /// Random splats; coefficients above `sh_degree` are zero.
-pub(super) fn gaussians(count: usize, sh_degree: u32, seed: u64) -> Gaussians {
+pub(crate) fn gaussians(count: usize, sh_degree: u32, seed: u64) -> Gaussians {
     let mut random = Random(seed);
     let mut triple = || [(); 3].map(|()| random.uniform(-1.0, 1.0) as f32);
     let means = (0..count).map(|_| triple()).collect();
@@ -81,7 +81,7 @@ pub(super) fn gaussians(count: usize, sh_degree: u32, seed: u64) -> Gaussians {
 }
 
 /// The state dict of a network with the sizes above.
-pub(super) fn tensors() -> Vec<NamedTensor> {
+pub(crate) fn tensors() -> Vec<NamedTensor> {
     let mut shapes: Vec<(String, Vec<usize>)> = Vec::new();
     let mut add = |name: &str, shape: &[usize]| shapes.push((name.to_owned(), shape.to_vec()));
     for (name, size) in [("time_poc", 4), ("pos_poc", 10), ("rotation_scaling_poc", 2), ("opacity_poc", 2)] {
@@ -118,7 +118,7 @@ pub(super) fn tensors() -> Vec<NamedTensor> {
     shapes.into_iter().map(fill).collect()
 }
 
-pub(super) fn cfg_args() -> String {
+pub(crate) fn cfg_args() -> String {
     format!(
         "Namespace(apply_rotation=False, bounds=1.6, defor_depth=2, empty_voxel=False, grid_pe=0, \
          kplanes_config={{'grid_dimensions': 2, 'input_coordinate_dim': 4, 'output_coordinate_dim': {CHANNELS}, \

@@ -6,7 +6,7 @@ mod camera;
 mod cfg_args;
 mod clips;
 mod demo;
-mod fixture;
+pub(crate) mod fixture;
 mod model;
 mod output;
 mod ply;

@@ -5,6 +5,7 @@ pub(crate) mod close;
 pub(crate) mod golden;
 pub(crate) mod gpu;
 pub(crate) mod gradcheck;
+pub(crate) mod owner;
 pub(crate) mod pth_builder;
 pub(crate) mod random;
 

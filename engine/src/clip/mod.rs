@@ -70,16 +70,19 @@ impl Clip {
                 Self::from_bytes(device, Path::new("miniature CLIP"), config, weights)
             }
             ClipSource::Dir(dir) => {
-                let config = read(&dir.join("config.json"))?;
-                let path = dir.join("model.safetensors");
-                Self::from_bytes(device, &path, &config, &read(&path)?)
+                let (config, path) = (dir.join("config.json"), dir.join("model.safetensors"));
+                let sizes = ClipConfig::from_json(&config, &read(&config)?)?;
+                Self::new(device, &path, sizes, &read(&path)?)
             }
             ClipSource::Bytes { config, weights } => Self::from_bytes(device, Path::new("CLIP"), config, weights),
         }
     }
 
     fn from_bytes(device: &Device, path: &Path, config: &[u8], weights: &[u8]) -> Result<Self, EngineError> {
-        let config = ClipConfig::from_json(path, config)?;
+        Self::new(device, path, ClipConfig::from_json(path, config)?, weights)
+    }
+
+    fn new(device: &Device, path: &Path, config: ClipConfig, weights: &[u8]) -> Result<Self, EngineError> {
         let mut hasher = blake3::Hasher::new();
         hasher.update(&serde_json::to_vec(&config).expect("a configuration of numbers and strings is valid JSON"));
         hasher.update(blake3::hash(weights).as_bytes());

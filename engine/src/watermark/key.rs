@@ -142,22 +142,6 @@ impl Key {
         Digest::of(&bytes)
     }
 
-    /// Refuses another checkpoint than the one the key was made with.
-    ///
-    /// # Errors
-    /// [`EngineError::BadData`] naming both hashes.
-    pub fn check_clip(&self, path: &Path, clip: &Clip) -> Result<(), EngineError> {
-        if self.clip == digest_of(clip) {
-            return Ok(());
-        }
-        Err(EngineError::BadData {
-            path: path.to_owned(),
-            field: "clip".to_owned(),
-            got: format!("a key made with checkpoint {}", self.clip),
-            expected: format!("one made with checkpoint {} ({})", digest_of(clip), clip.path().display()),
-        })
-    }
-
     /// Writes the key file, whole or not at all.
     ///
     /// # Errors
@@ -200,6 +184,8 @@ impl Key {
             .map_err(|e| bad("secret", &e.to_string(), "64 hex digits"))?;
         let clip_text = file.text("clip")?;
         let clip_digest = Digest::from_hex(clip_text).ok_or_else(|| bad("clip", clip_text, "a hash of 64 digits"))?;
+        // Another checkpoint's sizes would make the checks below speak of something else.
+        check_clip(path, clip_digest, clip)?;
         let secret = MasterSecret::from_bytes(secret);
         let width = clip.config().projection_dim;
         let key = Self {
@@ -210,7 +196,6 @@ impl Key {
             clip: clip_digest,
             secret,
         };
-        key.check_clip(path, clip)?;
         if file.integers("token_table", &[bits as usize, 2])? != key.table.ids().as_flattened() {
             return Err(bad("token_table", "a table that does not follow from the secret", "the derived table"));
         }
@@ -222,6 +207,19 @@ impl Key {
 #[must_use]
 pub fn digest_of(clip: &Clip) -> Digest {
     Digest::from_bytes(*clip.hash().as_bytes())
+}
+
+/// Refuses another checkpoint than the one that a key was made with.
+fn check_clip(path: &Path, made_with: Digest, clip: &Clip) -> Result<(), EngineError> {
+    if made_with == digest_of(clip) {
+        return Ok(());
+    }
+    Err(EngineError::BadData {
+        path: path.to_owned(),
+        field: "clip".to_owned(),
+        got: format!("a key made with checkpoint {made_with}"),
+        expected: format!("one made with checkpoint {} ({})", digest_of(clip), clip.path().display()),
+    })
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "token ids are 32-bit")]

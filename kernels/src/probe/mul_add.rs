@@ -7,7 +7,7 @@ use crate::{Buffer, Grid, KernelError, Recorder};
 const KERNEL: &str = "probe/mul_add";
 /// Chains of one invocation: enough to hide the latency of both operations, few enough for the registers.
 pub const CHAINS: usize = 12;
-/// Steps of one turn of the loop, unrolled, so that the loop itself costs nothing.
+/// Steps of one turn of the shader's loop, where they are written out.
 pub const STEPS: u32 = 32;
 
 /// Length and factors of the chains.
@@ -48,5 +48,5 @@ pub fn run(rec: &mut Recorder, chains: Chains, x: &Buffer<f32>, y: &mut Buffer<f
     }
     let Chains { runs, scale, shift } = chains;
     let params = mul_add_run::Params { n: dim(n), runs: u32::from(runs), scale, shift };
-    rec.dispatch_spec(mul_add_run::Bind { x, y }, params, mul_add_run::Spec { steps: STEPS }, Grid::threads(n))
+    rec.dispatch(mul_add_run::Bind { x, y }, params, Grid::threads(n))
 }

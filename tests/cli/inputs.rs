@@ -1,0 +1,127 @@
+//! Models, checkpoints, keys and messages that must be refused.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use guard4d_engine::clip::{Clip, ClipSource};
+use guard4d_engine::tensor_file::{Tensor, TensorFile};
+
+use super::{guard4d, names, put, scratch};
+use crate::scene::fixture::{TinyModel, cfg_args};
+use crate::support::gpu::device;
+use crate::support::owner::{BITS, key_file};
+use crate::support::pth_builder::{Pickle, archive};
+use crate::support::repo;
+
+#[test]
+fn a_missing_model_is_a_missing_input() {
+    let folder = scratch();
+    let nowhere = folder.path().join("nowhere");
+    let words = ["nowhere: not found", "a 4DGaussians folder or an INRIA PLY file", "missing_input"];
+    guard4d(&[&"inspect", &nowhere]).refused(66, &words);
+    guard4d(&[&"inspect", &folder.path()]).refused(66, &["point_cloud", "a saved iteration"]);
+    let out = folder.path().join("out");
+    if device().is_some() {
+        guard4d(&[&"render", &nowhere, &"--out", &out]).refused(66, &words);
+    }
+    assert_eq!(names(folder.path()), [""; 0], "nothing is written");
+}
+
+#[test]
+fn damaged_models_are_refused_with_file_and_field() {
+    let model = TinyModel::new();
+    let ply = model.saved("point_cloud.ply");
+    let whole = fs::read(model.file(&ply)).expect("readable");
+    for (bytes, words) in [
+        (whole[..whole.len() - 5].to_vec(), "point_cloud.ply"),
+        (b"ply\nformat".to_vec(), "point_cloud.ply"),
+        (Vec::new(), "point_cloud.ply"),
+    ] {
+        model.write(&ply, &bytes);
+        guard4d(&[&"inspect", &model.path()]).refused(65, &[words, "bad_data"]);
+    }
+    model.write(&ply, &whole);
+    guard4d(&[&"inspect", &model.path()]).done();
+}
+
+#[test]
+fn a_hostile_pickle_is_refused_and_never_run() {
+    let model = TinyModel::new();
+    let proof = model.file("executed");
+    let command = format!("touch {}", proof.display());
+    let pickle = Pickle::new().global("os", "system").text(&command).op(b"\x85R").stop();
+    model.write(&model.saved("deformation.pth"), &archive(pickle, &[]));
+    guard4d(&[&"inspect", &model.path()]).refused(65, &["deformation.pth", "`os.system`", "was not run"]);
+    assert!(!proof.exists(), "the payload was not run");
+}
+
+#[test]
+fn unknown_settings_of_a_model_are_refused() {
+    let model = TinyModel::new();
+    let strange = cfg_args().replace("no_do=True", "no_do=True, no_gravity=True");
+    model.write("cfg_args", strange.as_bytes());
+    guard4d(&[&"inspect", &model.path()]).refused(65, &["cfg_args", "no_gravity"]);
+}
+
+/// The configuration of the embedded checkpoint, in a folder of its own.
+fn clip_folder(folder: &Path, weights: Option<&TensorFile>) -> PathBuf {
+    let config = fs::read(repo("engine/assets/mini-clip/config.json")).expect("it ships with the program");
+    let clip = folder.join("clip");
+    put(&clip, "config.json", &config);
+    if let Some(weights) = weights {
+        put(&clip, "model.safetensors", &weights.to_bytes().expect("serialises"));
+    }
+    clip
+}
+
+#[test]
+fn wrong_checkpoints_are_refused() {
+    if device().is_none() {
+        return;
+    }
+    let folder = scratch();
+    let out = folder.path().join("owner.key");
+    let keygen = |clip: &Path| guard4d(&[&"keygen", &"--clip", &clip, &"--out", &out]);
+    keygen(&folder.path().join("nowhere")).refused(66, &["config.json: not found", "a CLIP checkpoint"]);
+    keygen(&clip_folder(folder.path(), None)).refused(66, &["model.safetensors: not found"]);
+    let mut weights = TensorFile::default();
+    weights.tensors.insert("logit_scale".to_owned(), Tensor::f32(&[], vec![1.0]));
+    keygen(&clip_folder(folder.path(), Some(&weights))).refused(65, &["model.safetensors", "no such tensor"]);
+    weights.tensors.insert("text_projection.weight".to_owned(), Tensor::f32(&[2, 2], vec![0.0; 4]));
+    keygen(&clip_folder(folder.path(), Some(&weights))).refused(65, &["model.safetensors: text_"]);
+    put(&folder.path().join("clip"), "config.json", b"[1, 2");
+    keygen(&folder.path().join("clip")).refused(65, &["config.json"]);
+    assert_eq!(names(folder.path()), ["clip"], "no key and no partial key");
+}
+
+#[test]
+fn keys_of_other_checkpoints_and_long_messages_are_refused() {
+    let Some(gpu) = device() else { return };
+    let clip = Clip::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+    let folder = scratch();
+    let model = TinyModel::new();
+    let mut file = key_file(&clip);
+    let good = put(folder.path(), "good.key", &file.to_bytes().expect("serialises"));
+    file.meta.insert("clip".to_owned(), "0".repeat(64));
+    let foreign = put(folder.path(), "foreign.key", &file.to_bytes().expect("serialises"));
+    file.meta.insert("format".to_owned(), "other/1".to_owned());
+    let other = put(folder.path(), "other.key", &file.to_bytes().expect("serialises"));
+    let cut = put(folder.path(), "cut.key", &fs::read(&good).expect("readable")[..1000]);
+    let out = folder.path().join("out");
+    let embed = |key: &Path, message: &str| {
+        guard4d(&[&"embed", &model.path(), &"--key", &key, &"--message", &message, &"--out", &out])
+    };
+    embed(&foreign, "random").refused(65, &["foreign.key: clip", "a key made with checkpoint 0000"]);
+    embed(&other, "random").refused(65, &["other.key: format: other/1"]);
+    embed(&cut, "random").refused(65, &["cut.key: header"]);
+    embed(&folder.path().join("none.key"), "random").refused(66, &["none.key: not found"]);
+    let long = format!("bits:{}", "1".repeat(BITS as usize + 1));
+    embed(&good, &long).refused(2, &["message: 9 digits", "8 digits 0 or 1 for a key of 8 bits"]);
+    embed(&good, "hex:fff").refused(2, &["message: 3 digits", "2 hexadecimal digits"]);
+    embed(&good, "hello").refused(2, &["`hello`", "`random`, `hex:…` or `bits:…`"]);
+    assert_eq!(
+        names(folder.path()),
+        ["cut.key", "foreign.key", "good.key", "other.key"],
+        "no output, whole or partial"
+    );
+}

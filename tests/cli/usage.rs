@@ -1,0 +1,77 @@
+//! Wrong usage, JSON, and what goes where.
+
+use std::process::Command;
+
+use serde_json::Value;
+
+use super::{guard4d, names, scratch};
+use crate::scene::fixture::TinyModel;
+use crate::support::gpu::device;
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or_else(|e| panic!("{e} in:\n{text}"))
+}
+
+#[test]
+fn wrong_usage_ends_with_two() {
+    guard4d(&[]).refused(2, &["Usage: guard4d"]);
+    guard4d(&[&"frobnicate"]).refused(2, &["unrecognized subcommand 'frobnicate'"]);
+    guard4d(&[&"render", &"model"]).refused(2, &["--out <OUT>"]);
+    guard4d(&[&"render", &"model", &"--out", &"x", &"--size", &"3x3"]).refused(2, &["each from 16 to 8192"]);
+    guard4d(&[&"render", &"model", &"--out", &"x", &"--cameras", &"c", &"--orbit", &"3"]).refused(2, &["--orbit"]);
+    guard4d(&[&"embed", &"model", &"--out", &"x"]).refused(2, &["--key <KEY>"]);
+    guard4d(&[&"embed", &"model", &"--out", &"x", &"--key", &"k", &"--extractor", &"best"]).refused(2, &["joint"]);
+    guard4d(&[&"verify", &"--key", &"k", &"--receipt", &"r"]).refused(2, &["<CLIPS>..."]);
+    guard4d(&[&"devices", &"--device", &"warp:drive"]).refused(2, &["warp:drive"]);
+    guard4d(&[&"dump", &"deform", &"model", &"--time", &"noon", &"--out", &"x"]).refused(2, &["noon"]);
+    if device().is_some() {
+        let folder = scratch();
+        let out = folder.path().join("owner.key");
+        guard4d(&[&"keygen", &"--bits", &"12", &"--out", &out]).refused(2, &["12 bits", "a multiple of 8"]);
+        guard4d(&[&"keygen", &"--device", &"99", &"--out", &out]).refused(69, &["99"]);
+        assert_eq!(names(folder.path()), [""; 0], "no key");
+    }
+}
+
+#[test]
+fn help_goes_to_stdout_and_names_the_exit_codes() {
+    let run = guard4d(&[&"--help"]);
+    run.done();
+    assert!(run.stdout.contains("Exit codes:") && run.stdout.contains("dump"), "{}", run.stdout);
+    assert_eq!(run.stderr, "", "help was asked for");
+    let run = guard4d(&[&"dump", &"clip", &"--help"]);
+    assert!(run.stdout.contains("v_pixel_values [G,3,S,S]"), "tensors are named:\n{}", run.stdout);
+}
+
+#[test]
+fn results_go_to_stdout_as_text_or_json() {
+    let model = TinyModel::new();
+    let text = guard4d(&[&"inspect", &model.path()]);
+    text.done();
+    assert!(text.stdout.contains("splats: 3"), "{}", text.stdout);
+    assert_eq!(text.stderr, "", "nothing to say");
+    let run = guard4d(&[&"inspect", &"--json", &model.path()]);
+    let value = json(&run.stdout);
+    assert_eq!((&value["splats"], &value["sh_degree"]), (&Value::from(3), &Value::from(3)), "{value}");
+    if device().is_some() {
+        let devices = json(&guard4d(&[&"devices", &"--json"]).stdout);
+        assert!(devices[0]["name"].is_string() && devices[0]["uuid"].is_string(), "{devices}");
+        let folder = scratch();
+        let out = folder.path().join("out");
+        let run = guard4d(&[&"--json", &"dump", &"deform", &model.path(), &"--time", &"1", &"--out", &out]);
+        assert_eq!(json(&run.stdout)["xyz"], Value::from(vec![3, 3]), "shapes by name");
+    }
+}
+
+#[test]
+fn without_a_driver_the_message_says_what_to_install() {
+    let folder = scratch();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_guard4d"));
+    command.args(["keygen", "--out"]).arg(folder.path().join("owner.key"));
+    command.env("VK_DRIVER_FILES", "/nowhere").env("VK_ICD_FILENAMES", "/nowhere").env("NO_COLOR", "1");
+    let output = command.output().expect("the program was built with the tests");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(69), "exit code: {stderr}");
+    assert!(stderr.contains("no Vulkan driver") && stderr.contains("mesa-vulkan-drivers"), "{stderr}");
+    assert_eq!(names(folder.path()), [""; 0], "no key");
+}

@@ -1,0 +1,109 @@
+//! `guard4d verify` and `embed --undo` on the outputs of a small embedding.
+
+use std::ffi::OsStr;
+use std::fs;
+use std::path::Path;
+
+use guard4d_engine::media::Frame;
+use guard4d_engine::media::frames::write_png;
+use guard4d_engine::tensor_file::TensorFile;
+
+use super::{Run, guard4d, names, put, scratch};
+use crate::support::gpu::device;
+use crate::support::owner::delivered;
+
+/// Reads `clip` with the delivered key and receipt.
+fn verify(owner: &Path, clip: &Path, more: &[&dyn AsRef<OsStr>]) -> Run {
+    let (key, receipt) = (owner.join("owner.key"), owner.join("out/private/receipt.json"));
+    let args: [&dyn AsRef<OsStr>; 6] = [&"verify", &clip, &"--key", &key, &"--receipt", &receipt];
+    guard4d(&[&args[..], more].concat())
+}
+
+#[test]
+fn a_clip_is_judged_in_words_and_in_json() {
+    let Some(gpu) = device() else { return };
+    let owner = delivered(&gpu);
+    let preview = owner.join("out/preview");
+    let run = verify(owner, &preview, &[&"--json"]);
+    // Two frames and eight bits prove nothing either way.
+    assert_eq!(run.code, 4, "inconclusive, which is no error: {}", run.stderr);
+    let report: serde_json::Value = serde_json::from_str(&run.stdout).expect("JSON on stdout");
+    assert_eq!(report["frames"], 2, "frames: {report}");
+    let p_value = &report["evidence"]["p_value"];
+    assert!(p_value["kind"] == "exact" && p_value["matches"].is_number(), "an exact p-value: {report}");
+    let text = verify(owner, &preview, &[]);
+    assert_eq!(text.code, run.code, "the same verdict");
+    assert!(text.stdout.contains("verdict") && text.stdout.contains("of 8 match (2 frames)"), "{}", text.stdout);
+    assert_eq!(text.stderr, "", "nothing to say");
+}
+
+#[test]
+fn clips_that_are_no_clips_are_refused() {
+    let Some(gpu) = device() else { return };
+    let owner = delivered(&gpu);
+    let folder = scratch();
+    verify(owner, &folder.path().join("nowhere"), &[]).refused(66, &["nowhere: not found"]);
+    let empty = folder.path().join("empty");
+    put(&empty, "notes.txt", b"no frames");
+    verify(owner, &empty, &[]).refused(66, &["empty: not found", "at least one .png file"]);
+    let mixed = folder.path().join("mixed");
+    fs::create_dir(&mixed).expect("writable");
+    for (name, side) in [("0.png", 32), ("1.png", 48)] {
+        let frame = Frame::new(side, side, vec![90; (3 * side * side) as usize]).expect("the length fits");
+        write_png(&mixed.join(name), &frame).expect("writable");
+    }
+    verify(owner, &mixed, &[]).refused(65, &["1.png: size of frame 1: 48 x 48 px", "32 x 32 px, the size of frame 0"]);
+    let torn = folder.path().join("torn");
+    let png = fs::read(owner.join("out/preview/00000.png")).expect("a frame");
+    put(&torn, "0.png", &png[..png.len() / 2]);
+    verify(owner, &torn, &[]).refused(65, &["0.png: picture"]);
+    let video = put(folder.path(), "clip.mp4", &[0x5a; 4096]);
+    verify(owner, &video, &[]).refused(65, &["clip.mp4"]);
+}
+
+#[test]
+fn receipts_and_keys_must_belong_together() {
+    let Some(gpu) = device() else { return };
+    let owner = delivered(&gpu);
+    let folder = scratch();
+    let (clip, key) = (owner.join("out/preview"), owner.join("owner.key"));
+    verify(owner, &clip, &[&"--message", &"bits:00000000"]).refused(65, &["receipt.json: message_mac"]);
+    verify(owner, &clip, &[&"--message", &"bits:0"]).refused(2, &["message: 1 digits"]);
+    let text = fs::read_to_string(owner.join("out/private/receipt.json")).expect("a receipt");
+    let forged = put(folder.path(), "receipt.json", text.replacen("\"num_bits\": 8", "\"num_bits\": 9", 1).as_bytes());
+    guard4d(&[&"verify", &clip, &"--key", &key, &"--receipt", &forged]).refused(65, &["receipt.json", "commitment"]);
+    guard4d(&[&"inspect", &forged]).refused(65, &["receipt.json", "commitment"]);
+    let alone = put(folder.path(), "alone.json", text.as_bytes());
+    guard4d(&[&"verify", &clip, &"--key", &key, &"--receipt", &alone])
+        .refused(66, &["extractor.safetensors: not found"]);
+}
+
+#[test]
+fn keys_are_shown_without_their_secret() {
+    let Some(gpu) = device() else { return };
+    let path = delivered(&gpu).join("owner.key");
+    let secret = TensorFile::read(&path).expect("a key").text("secret").expect("its secret").to_owned();
+    for run in [guard4d(&[&"inspect", &path]), guard4d(&[&"inspect", &path, &"--json"])] {
+        run.done();
+        assert!(run.stdout.contains("guard4d.key/1") && !run.stdout.contains(&secret), "{}", run.stdout);
+    }
+}
+
+#[test]
+fn undo_restores_the_original_or_nothing() {
+    let Some(gpu) = device() else { return };
+    let owner = delivered(&gpu);
+    let folder = scratch();
+    let (marked, undo) = (owner.join("out/marked"), owner.join("out/private/undo.safetensors"));
+    let out = folder.path().join("restored");
+    let restore = |file: &Path| guard4d(&[&"embed", &marked, &"--undo", &file, &"--out", &out]);
+    restore(&owner.join("out/private/extractor.safetensors")).refused(65, &["extractor.safetensors: format"]);
+    restore(&folder.path().join("nowhere")).refused(66, &["nowhere: not found"]);
+    assert_eq!(names(folder.path()), [""; 0], "nothing is written");
+    restore(&undo).done();
+    let scene = guard4d_engine::demo::Scene::unpack().expect("the scene unpacks");
+    let ply = "point_cloud/iteration_20000/point_cloud.ply";
+    let read = |path: &Path| fs::read(path.join(ply)).expect("a PLY");
+    assert!(read(&out) == read(scene.path()), "the original, byte for byte");
+    restore(&undo).refused(73, &["restored: cannot create", "it exists"]);
+}

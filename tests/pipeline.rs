@@ -1,0 +1,184 @@
+//! The whole way, small: embed, stop and go on, deliver, take out again, verify.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use guard4d_engine::EngineError;
+use guard4d_engine::media::encode::{EncodeOptions, write_mp4};
+use guard4d_engine::media::{Frame, ReadOptions};
+use guard4d_engine::output::Existing;
+use guard4d_engine::scene::Model;
+use guard4d_engine::tensor_file::TensorFile;
+use guard4d_engine::watermark::delivery::{EXTRACTOR, MARKED, PRIVATE, RECEIPT, UNDO};
+use guard4d_engine::watermark::embed::Embedded;
+use guard4d_engine::watermark::evidence::PStatement;
+use guard4d_engine::watermark::receipt::Receipt;
+use guard4d_engine::watermark::undo;
+use guard4d_engine::watermark::verify::{Case, Exhibits, clean_clips};
+
+use crate::support::gpu::{Gpu, device};
+use crate::support::owner::{Owner, cameras};
+
+/// Steps before the checkpoint.
+const FIRST: usize = 2;
+const PLY: &str = "point_cloud/iteration_20000/point_cloud.ply";
+
+/// All steps; leaves a checkpoint at `path` after the first few.
+fn embed(gpu: &Gpu, owner: &Owner, path: Option<&Path>) -> Embedded {
+    let mut embedding = owner.prepare(gpu);
+    while embedding.step().expect("steps").is_some() {
+        if let Some(path) = path.filter(|_| embedding.step_number() == FIRST) {
+            embedding.save(path).expect("saves");
+        }
+    }
+    embedding.finish().expect("finishes")
+}
+
+fn resume(gpu: &Gpu, owner: &Owner, path: &Path) -> Embedded {
+    let mut embedding = owner.prepare(gpu);
+    let mut file = TensorFile::read(path).expect("a checkpoint");
+    file.meta.insert("identity".to_owned(), "0".repeat(64));
+    let foreign = path.with_file_name("foreign.safetensors");
+    fs::write(&foreign, file.to_bytes().expect("serialises")).expect("writable");
+    let refused = embedding.restore(&foreign).expect_err("another embedding's checkpoint");
+    assert!(matches!(&refused, EngineError::BadData { field, .. } if field == "identity"), "{refused}");
+    embedding.restore(path).expect("restores");
+    assert_eq!(embedding.step_number(), FIRST, "goes on where it stopped");
+    while embedding.step().expect("steps").is_some() {}
+    embedding.finish().expect("finishes")
+}
+
+fn assert_same(owner: &Owner, a: &Embedded, b: &Embedded, what: &str) {
+    let bits = |e: &Embedded| e.sh_coeffs.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    assert!(bits(a) == bits(b), "{what}: coefficients");
+    let digest = |e: &Embedded| e.extractor.digest(&owner.key).expect("a digest");
+    assert_eq!(digest(a), digest(b), "{what}: extractor");
+}
+
+/// Files below `root`, relative, sorted.
+fn files(root: &Path) -> Vec<PathBuf> {
+    let (mut found, mut folders) = (Vec::new(), vec![root.to_path_buf()]);
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).expect("the folder can be listed") {
+            let path = entry.expect("an entry").path();
+            match path.is_dir() {
+                true => folders.push(path),
+                false => found.push(path.strip_prefix(root).expect("below the root").to_path_buf()),
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+fn bytes(path: &Path) -> Vec<u8> {
+    fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// Names of the float properties, and where the body of a PLY begins.
+fn layout(ply: &[u8]) -> (Vec<String>, usize) {
+    let mark = b"end_header\n";
+    let end = ply.windows(mark.len()).position(|w| w == mark).expect("a head") + mark.len();
+    let head = std::str::from_utf8(&ply[..end]).expect("the head is text");
+    let names = head.lines().filter_map(|line| line.strip_prefix("property float ")).map(str::to_owned);
+    (names.collect(), end)
+}
+
+fn assert_only_colour_changed(original: &[u8], marked: &[u8]) {
+    let (names, start) = layout(original);
+    assert_eq!(original.len(), marked.len(), "length");
+    assert_eq!(original[..start], marked[..start], "head");
+    let floats = |ply: &[u8]| ply[start..].as_chunks::<4>().0.to_vec();
+    let mut changed = 0;
+    for (i, (a, b)) in floats(original).iter().zip(&floats(marked)).enumerate() {
+        let name = &names[i % names.len()];
+        if a != b {
+            assert!(name.starts_with("f_dc_") || name.starts_with("f_rest_"), "{name} of splat {}", i / names.len());
+            changed += 1;
+        }
+    }
+    assert!(changed > 0, "there is a mark");
+}
+
+fn has_ffmpeg() -> bool {
+    let found = Command::new("ffmpeg").arg("-version").output().is_ok_and(|out| out.status.success());
+    assert!(found || std::env::var_os("CI").is_none(), "continuous integration needs ffmpeg");
+    if !found {
+        eprintln!("SKIPPED: ffmpeg is not here");
+    }
+    found
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes_with_or_without_a_break() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    let checkpoint = folder.path().join("checkpoint.safetensors");
+    let first = embed(&gpu, &owner, Some(&checkpoint));
+    assert!(first.sh_coeffs != owner.model.gaussians.sh_coeffs, "something was written");
+    assert_same(&owner, &first, &embed(&gpu, &owner, None), "a second run");
+    assert_same(&owner, &first, &resume(&gpu, &owner, &checkpoint), "a resumed run");
+}
+
+#[test]
+fn a_delivery_changes_colours_only_verifies_and_can_be_undone() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    let out = folder.path().join("out");
+    let embedded = embed(&gpu, &owner, None);
+    owner.deliver(&gpu, &embedded, &out);
+    let (input, marked, private) = (owner.scene.path(), out.join(MARKED), out.join(PRIVATE));
+    // The camera file is the demonstration's; it lies beside the model and goes with it.
+    assert_eq!(files(&marked), files(input), "the same files");
+    for file in files(input).iter().filter(|f| *f != Path::new(PLY)) {
+        assert!(bytes(&marked.join(file)) == bytes(&input.join(file)), "{} is copied", file.display());
+    }
+    let original = bytes(&input.join(PLY));
+    assert_only_colour_changed(&original, &bytes(&marked.join(PLY)));
+
+    assert_eq!(files(&private), [EXTRACTOR, RECEIPT, UNDO].map(PathBuf::from), "the private files");
+    let path = private.join(RECEIPT);
+    let mut receipt = Receipt::read(&path).expect("the receipt reads");
+    receipt.verify_commitment(&path).expect("the commitment holds");
+    assert!(receipt.commits_to(&owner.message, &owner.key.prf()), "to this message");
+    assert!(!receipt.commits_to(&owner.message.inverted(), &owner.key.prf()), "and no other");
+    receipt.body.promise.num_bits += 1;
+    receipt.verify_commitment(&path).expect_err("a changed receipt");
+
+    let restored = folder.path().join("restored");
+    undo::restore(&marked, &private.join(UNDO), &restored, Existing::Refuse).expect("restores");
+    assert!(bytes(&restored.join(PLY)) == original, "the original, byte for byte");
+    let refused = undo::restore(input, &private.join(UNDO), &folder.path().join("no"), Existing::Refuse);
+    assert_eq!(refused.expect_err("an unmarked model").exit_code(), 65, "exit code");
+    assert!(!folder.path().join("no").exists(), "nothing is written");
+    verify(&gpu, &owner, &out);
+}
+
+/// Reads the mark from frames and from video.
+fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
+    let receipt = out.join(PRIVATE).join(RECEIPT);
+    let message = owner.message;
+    let case = Case { device: gpu, clip: &owner.clip, key: &owner.key, message, receipt: &receipt };
+    let mut suspects = vec![out.join("preview")];
+    if has_ffmpeg() {
+        let model = Model::open(&out.join(MARKED)).expect("the marked model opens");
+        let frames: Vec<Frame> = clean_clips(gpu, &model, &cameras()).expect("renders").concat();
+        suspects.push(out.join("marked.mp4"));
+        write_mp4(&suspects[1], &frames, &EncodeOptions::default()).expect("encodes");
+    }
+    for path in suspects {
+        let exhibits = Exhibits { suspects: vec![path.clone()], ..Exhibits::default() };
+        let report = case.verify(&exhibits, &ReadOptions::default()).expect("verifies");
+        assert_eq!(report.frames, 2, "frames of {}", path.display());
+        let PStatement::Exact { matches, soft_score } = report.evidence.p_value else {
+            panic!("a blind extractor has an exact p-value");
+        };
+        assert!((0.0..=1.0).contains(&matches) && (0.0..=1.0).contains(&soft_score), "{matches}, {soft_score}");
+    }
+    let other = Case { message: message.inverted(), ..case };
+    let refused = other.verify(&Exhibits::default(), &ReadOptions::default()).expect_err("another message");
+    assert!(matches!(&refused, EngineError::BadData { field, .. } if field == "message_mac"), "{refused}");
+}

@@ -1,0 +1,129 @@
+//! An owner with a key, a scene and a small embedding, for tests of the whole way.
+
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use guard4d_engine::clip::{Clip, ClipSource};
+use guard4d_engine::demo::Scene;
+use guard4d_engine::output::Existing;
+use guard4d_engine::scene::camera_paths::{Lens, Orbit};
+use guard4d_engine::scene::{CameraSet, ImageSize, Model};
+use guard4d_engine::tensor_file::{Tensor, TensorFile};
+use guard4d_engine::watermark::decoder::DecoderWeights;
+use guard4d_engine::watermark::delivery::{self, Delivery};
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, Subject};
+use guard4d_engine::watermark::evidence::ExtractorMode;
+use guard4d_engine::watermark::key::{Key, digest_of};
+use guard4d_engine::watermark::message::{Message, Payload};
+use guard4d_engine::watermark::prf::{MasterSecret, Prf};
+use guard4d_engine::watermark::tokens::{TokenTable, Vocabulary};
+use guard4d_kernels::Device;
+
+use super::gpu::Gpu;
+use super::random::Random;
+
+/// Message bits of the key.
+pub(crate) const BITS: u32 = 8;
+/// Side of the training frames in pixels.
+const SIDE_PX: u32 = 64;
+const SECRET: [u8; 32] = [7; 32];
+
+/// Everything an embedding needs, made in a moment: the key's decoder is random instead of trained.
+pub(crate) struct Owner {
+    pub(crate) clip: Clip,
+    pub(crate) key: Key,
+    pub(crate) scene: Scene,
+    pub(crate) model: Model,
+    pub(crate) message: Message,
+    pub(crate) config: EmbedConfig,
+}
+
+impl Owner {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        let clip = Clip::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+        let folder = tempfile::tempdir().expect("a temporary folder can be made");
+        let path = folder.path().join("owner.key");
+        std::fs::write(&path, key_file(&clip).to_bytes().expect("serialises")).expect("writable");
+        let key = Key::read(&path, &clip).expect("the key fits the checkpoint");
+        let scene = Scene::unpack().expect("the scene unpacks");
+        let model = Model::open(scene.path()).expect("the scene opens");
+        let message = Payload::parse("random", BITS).and_then(|p| p.message(&key.prf())).expect("a message");
+        let config = EmbedConfig {
+            steps: 4,
+            views: 2,
+            size_px: (SIDE_PX, SIDE_PX),
+            responses: 2 * BITS as usize,
+            seed: 5,
+            ..EmbedConfig::new(Profile::Draft, ExtractorMode::Blind)
+        };
+        Self { clip, key, scene, model, message, config }
+    }
+
+    pub(crate) fn subject<'a>(&'a self, device: &'a Device) -> Subject<'a> {
+        Subject { device, clip: &self.clip, key: &self.key, model: &self.model, message: &self.message }
+    }
+
+    pub(crate) fn prepare<'a>(&'a self, device: &'a Device) -> Embedding<'a> {
+        Embedding::prepare(self.subject(device), self.config.clone()).expect("prepares")
+    }
+
+    /// Writes the delivery of an embedding into the new folder `out`.
+    pub(crate) fn deliver(&self, device: &Device, embedded: &Embedded, out: &Path) {
+        std::fs::create_dir_all(out).expect("writable");
+        let subject = self.subject(device);
+        let delivery = Delivery { subject, config: &self.config, embedded, input: self.scene.path() };
+        delivery::write(out, &delivery, &cameras()).expect("delivers");
+    }
+}
+
+/// Two frames from one side.
+pub(crate) fn cameras() -> CameraSet {
+    let size = ImageSize::new(SIDE_PX, SIDE_PX).expect("a size");
+    let lens = Lens { fov_x_rad: 0.7, size };
+    let orbit = Orbit { views: 1, elevation_deg: 20.0, radius: 4.0, target: glam::Vec3::ZERO, lens };
+    orbit.cameras().expect("an orbit").at_times(&[0.0, 0.5])
+}
+
+/// A key file whose decoder is random.
+pub(crate) fn key_file(clip: &Clip) -> TensorFile {
+    let secret = MasterSecret::from_bytes(SECRET);
+    let (text, width) = (&clip.config().text_config, clip.config().projection_dim);
+    let vocabulary = Vocabulary { size: text.vocab_size as u32, context: text.max_position_embeddings as u32 };
+    let table = TokenTable::derive(&Prf::new(&secret), vocabulary, BITS).expect("the vocabulary is large");
+    let mut file = TensorFile::default();
+    let entries = [("format", "guard4d.key/1".to_owned()), ("bits", BITS.to_string())];
+    file.meta.extend(entries.map(|(name, text)| (name.to_owned(), text)));
+    file.meta.insert("clip".to_owned(), digest_of(clip).to_string());
+    file.meta.insert("secret".to_owned(), SECRET.iter().map(|byte| format!("{byte:02x}")).collect());
+    let ids = table.ids().as_flattened().to_vec();
+    file.tensors.insert("token_table".to_owned(), Tensor::u32(&[BITS as usize, 2], ids));
+    let mut random = Random(11);
+    let mut add = |name: String, shape: &[usize], size: f32| {
+        let values = random.vec_f32(shape.iter().product(), -size, size);
+        file.tensors.insert(name, Tensor::f32(shape, values));
+    };
+    add("text_mean".to_owned(), &[width], 0.05);
+    add("codes".to_owned(), &[BITS as usize, width], 0.05);
+    for (i, (inputs, outputs)) in DecoderWeights::sizes(width, BITS as usize).into_iter().enumerate() {
+        add(format!("decoder.{i}.weight"), &[outputs, inputs], 0.1);
+        add(format!("decoder.{i}.bias"), &[outputs], 0.1);
+    }
+    file
+}
+
+/// A folder with `owner.key` and the delivery of one embedding in `out`, made once per process.
+pub(crate) fn delivered(gpu: &Gpu) -> &'static Path {
+    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
+    FOLDER.get_or_init(|| {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("owner");
+        if folder.exists() {
+            std::fs::remove_dir_all(&folder).expect("an earlier run's folder can be removed");
+        }
+        let owner = Owner::new(gpu);
+        owner.key.write(&folder.join("owner.key"), Existing::Refuse).expect("writable");
+        let mut embedding = owner.prepare(gpu);
+        embedding.step().expect("steps");
+        owner.deliver(gpu, &embedding.finish().expect("finishes"), &folder.join("out"));
+        folder
+    })
+}
