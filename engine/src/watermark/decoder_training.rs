@@ -24,10 +24,11 @@ pub(super) struct DecoderTraining {
     pub lr: f32,
 }
 
-impl Default for DecoderTraining {
-    fn default() -> Self {
-        // Charted on three token tables with the mini CLIP; see benches/results.
-        Self { batch: 256, epochs: 12, lr: 1e-3 }
+impl DecoderTraining {
+    /// Longer messages take more passes: their bits move the text feature less.
+    pub(super) fn for_bits(bits: usize) -> Self {
+        let (epochs, lr) = if bits <= 16 { (12, 1e-3) } else { (40, 2e-3) };
+        Self { batch: 256, epochs, lr }
     }
 }
 

@@ -101,7 +101,7 @@ impl Key {
         let features = device.buffer_from("key.features", train)?;
         let targets = device.buffer_from("key.targets", &targets)?;
         let mut init = prf.stream(Purpose::DecoderInit, 0);
-        let training = DecoderTraining::default();
+        let training = DecoderTraining::for_bits(bits as usize);
         let mut trainer = Trainer::new(device, width, bits as usize, training, &mut init)?;
         trainer.run(device, &features, &targets)?;
         let decoder = trainer.weights()?;
