@@ -137,6 +137,11 @@ impl EmbedConfig {
         }
     }
 
+    /// Clips that the extractor reads per step: the marked one and, for `joint`, the clean and the noisy control.
+    pub(super) fn branches(&self) -> usize {
+        if self.mode == ExtractorMode::Joint { 3 } else { 1 }
+    }
+
     /// Refuses numbers that no embedding can work with.
     ///
     /// # Errors

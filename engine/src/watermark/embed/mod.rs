@@ -109,7 +109,7 @@ impl<'a> Embedding<'a> {
 
         let started = Instant::now();
         let weights = fit::extractor(device, clip, key, &config, &clips, &mut stage)?;
-        let branches = if config.mode == ExtractorMode::Joint { 3 } else { 1 };
+        let branches = config.branches();
         let features = FeatureExtractor::new(device, clip, weights.tmsd.as_ref(), branches, Purpose::InputGradient)?;
         let decoder = Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;
         let critic = Critic::new(device, features, decoder, message, &config)?;

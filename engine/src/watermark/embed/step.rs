@@ -141,7 +141,7 @@ impl Critic {
         message: &Message,
         config: &EmbedConfig,
     ) -> Result<Self, EngineError> {
-        let branches = if config.mode == ExtractorMode::Joint { 3 } else { 1 };
+        let branches = config.branches();
         let bits: Vec<f32> = message.bits().map(|b| f32::from(u8::from(b))).collect();
         let branch = || -> Result<Branch, KernelError> {
             Ok(Branch {
