@@ -1,5 +1,6 @@
 //! TMSD: the residual 3D ConvNet in front of CLIP (Guard4D Sec. 3.4, Eq. 7).
 
+use guard4d_kernels::image::colour_map::{self, ColourMap};
 use guard4d_kernels::nn::axpy;
 use guard4d_kernels::nn::conv3d::{
     self, Activation, Bias, Conv3d, Conv3dScratch, InputGradient, Padding, WeightGradient,
@@ -18,16 +19,14 @@ use crate::tensor_file::{Tensor, TensorFile};
 const RGB: usize = 3;
 const TEXEL: usize = 4;
 const TAPS: usize = 27;
-/// Index of the middle tap of 3×3×3.
-const CENTRE: usize = 13;
 
 /// Size of the network. The paper says only "shallow"; three layers of 3×3×3 are the usual reading.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TmsdConfig {
-    /// Convolutions, at least two.
+    /// Convolutions, at least two; 0 leaves the colour map alone.
     pub depth: usize,
-    /// Hidden channels, a multiple of four and at least twelve.
+    /// Hidden channels, a multiple of four.
     pub width: usize,
     /// Residual scale s of Eq. 7.
     pub scale: f32,
@@ -40,6 +39,12 @@ impl Default for TmsdConfig {
 }
 
 impl TmsdConfig {
+    /// No network behind the colour map.
+    #[must_use]
+    pub fn colour_map_only() -> Self {
+        Self { depth: 0, ..Self::default() }
+    }
+
     /// Input and output channels of each layer, before padding to texels.
     fn channels(&self) -> Vec<(usize, usize)> {
         let inner = |i: usize| if i == 0 { RGB } else { self.width };
@@ -57,11 +62,11 @@ impl TmsdConfig {
             got,
             expected: expected.to_owned(),
         };
-        if !(2..=8).contains(&self.depth) {
-            return Err(usage("TMSD depth", self.depth.to_string(), "2 to 8 convolutions"));
+        if self.depth != 0 && !(2..=8).contains(&self.depth) {
+            return Err(usage("TMSD depth", self.depth.to_string(), "0 or 2 to 8 convolutions"));
         }
-        if self.width < 12 || !self.width.is_multiple_of(TEXEL) || self.width > 64 {
-            return Err(usage("TMSD width", self.width.to_string(), "a multiple of 4 from 12 to 64"));
+        if self.width == 0 || !self.width.is_multiple_of(TEXEL) || self.width > 64 {
+            return Err(usage("TMSD width", self.width.to_string(), "a multiple of 4 from 4 to 64"));
         }
         if !(self.scale.is_finite() && self.scale > 0.0) {
             return Err(usage("TMSD scale", self.scale.to_string(), "a positive number"));
@@ -75,71 +80,30 @@ impl TmsdConfig {
 pub struct TmsdWeights {
     /// Size of the network.
     pub config: TmsdConfig,
+    /// Colour map M in front of the network, frozen.
+    pub colour_map: ColourMap,
     /// One tensor per layer.
     pub layers: Vec<Vec<f32>>,
 }
 
 impl TmsdWeights {
-    /// PyTorch's default initialisation with a zero last layer: R is the identity.
+    /// PyTorch's default initialisation with a zero last layer: R(x) = M x.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, reason = "weights are single precision")]
-    pub fn identity(config: TmsdConfig, rng: &mut ChaCha20Rng) -> Self {
-        let last = config.depth - 1;
+    pub fn new(config: TmsdConfig, colour_map: ColourMap, rng: &mut ChaCha20Rng) -> Self {
         let layer = |(i, (inputs, outputs)): (usize, (usize, usize))| {
-            let bound = if i == last { 0.0 } else { 1.0 / ((inputs * TAPS) as f64).sqrt() };
+            let bound = if i + 1 == config.depth { 0.0 } else { 1.0 / ((inputs * TAPS) as f64).sqrt() };
             (0..inputs * outputs * TAPS).map(|_| ((2.0 * uniform_unit(rng) - 1.0) * bound) as f32).collect()
         };
-        Self { config, layers: config.channels().into_iter().enumerate().map(layer).collect() }
-    }
-
-    /// R(x) = M x at every pixel, written exactly into the network; the other weights keep a share of
-    /// their random start, so that training can leave the map again.
-    ///
-    /// Three pairs of hidden channels carry ±the colour through the ReLUs.
-    #[must_use]
-    pub fn colour_map(config: TmsdConfig, map: [[f32; RGB]; RGB], rng: &mut ChaCha20Rng) -> Self {
-        const RANDOM_SHARE: f32 = 0.3;
-        let mut weights = Self::identity(config, rng);
-        for layer in &mut weights.layers {
-            layer.iter_mut().for_each(|w| *w *= RANDOM_SHARE);
-        }
-        let channels = config.channels();
-        let last = config.depth - 1;
-        for (i, layer) in weights.layers.iter_mut().enumerate() {
-            let inputs = channels[i].0;
-            let mut set = |out: usize, input: usize, value: f32| {
-                layer[(out * inputs + input) * TAPS + CENTRE] = value;
-            };
-            if i == last {
-                for (out, row) in map.iter().enumerate() {
-                    for (c, &wanted) in row.iter().enumerate() {
-                        // x + s·Δ(x) = M x, so Δ = (M − 1) / s.
-                        let identity = f32::from(u8::from(out == c));
-                        let value = (wanted - identity) / config.scale;
-                        set(out, 2 * c, value);
-                        set(out, 2 * c + 1, -value);
-                    }
-                }
-                continue;
-            }
-            for carrier in 0..2 * RGB {
-                for input in 0..inputs {
-                    for tap in 0..TAPS {
-                        layer[(carrier * inputs + input) * TAPS + tap] = 0.0;
-                    }
-                }
-                let sign = if carrier % 2 == 0 { 1.0 } else { -1.0 };
-                let (input, value) = if i == 0 { (carrier / 2, sign) } else { (carrier, 1.0) };
-                layer[(carrier * inputs + input) * TAPS + CENTRE] = value;
-            }
-        }
-        weights
+        Self { config, colour_map, layers: config.channels().into_iter().enumerate().map(layer).collect() }
     }
 
     /// Adds the tensors `tmsd.{i}.weight` and the sizes to a file.
     pub fn store(&self, file: &mut TensorFile) {
         let config = serde_json::to_string(&self.config).expect("numbers are valid JSON");
         file.meta.insert("tmsd".to_owned(), config);
+        let map = Tensor::f32(&[RGB, RGB], self.colour_map.as_flattened().to_vec());
+        file.tensors.insert("tmsd.colour_map".to_owned(), map);
         for (i, ((inputs, outputs), layer)) in self.config.channels().into_iter().zip(&self.layers).enumerate() {
             let shape = [outputs, inputs, 3, 3, 3];
             file.tensors.insert(format!("tmsd.{i}.weight"), Tensor::f32(&shape, layer.clone()));
@@ -162,7 +126,9 @@ impl TmsdWeights {
         let layers = config.channels().into_iter().enumerate().map(|(i, (inputs, outputs))| {
             Ok(file.floats(&format!("tmsd.{i}.weight"), &[outputs, inputs, 3, 3, 3])?.to_vec())
         });
-        Ok(Some(Self { config, layers: layers.collect::<Result<_, EngineError>>()? }))
+        let map = file.floats("tmsd.colour_map", &[RGB, RGB])?;
+        let colour_map = std::array::from_fn(|i| std::array::from_fn(|j| map[i * RGB + j]));
+        Ok(Some(Self { config, colour_map, layers: layers.collect::<Result<_, EngineError>>()? }))
     }
 }
 
@@ -181,6 +147,7 @@ struct Layer {
 #[derive(Debug)]
 pub struct Tmsd {
     config: TmsdConfig,
+    colour_map: ColourMap,
     shape: ClipShape,
     layers: Vec<Layer>,
 }
@@ -188,7 +155,7 @@ pub struct Tmsd {
 /// Activations and gradients of one clip.
 #[derive(Debug)]
 pub struct TmsdPass {
-    /// Input of each layer; the first is the clip itself.
+    /// Input of each layer; the first is y.
     inputs: Vec<Buffer<f32>>,
     delta: Buffer<f32>,
     /// R(x) `[F,S,S,4]`
@@ -207,7 +174,6 @@ impl Tmsd {
     /// # Errors
     /// When memory runs out.
     pub fn new(device: &Device, weights: &TmsdWeights, shape: ClipShape) -> Result<Self, KernelError> {
-        let last = weights.config.depth - 1;
         let layers = weights.config.channels().into_iter().zip(&weights.layers).enumerate().map(|(i, (given, w))| {
             let conv = Conv3d {
                 shape,
@@ -216,7 +182,7 @@ impl Tmsd {
                 time: Padding::Replicate,
                 space: Padding::Reflect,
                 bias: Bias::None,
-                activation: if i == last { Activation::Identity } else { Activation::Relu },
+                activation: if i + 1 == weights.config.depth { Activation::Identity } else { Activation::Relu },
             };
             let packed = conv.pack(w, given.0, given.1);
             let n = packed.len();
@@ -229,7 +195,12 @@ impl Tmsd {
                 given,
             })
         });
-        Ok(Self { config: weights.config, shape, layers: layers.collect::<Result<_, KernelError>>()? })
+        Ok(Self {
+            config: weights.config,
+            colour_map: weights.colour_map,
+            shape,
+            layers: layers.collect::<Result<_, KernelError>>()?,
+        })
     }
 
     /// Buffers for one clip.
@@ -252,7 +223,7 @@ impl Tmsd {
         })
     }
 
-    /// `pass.out` = x + s·Δ(x).
+    /// `pass.out` = y + s·Δ(y) with y = M x.
     ///
     /// # Shapes
     /// in `x` [F,S,S,4], fourth channel 0 · out `pass.out` [F,S,S,4] (=)
@@ -261,7 +232,10 @@ impl Tmsd {
     /// # Errors
     /// [`KernelError::Shape`] before anything is recorded.
     pub fn forward(&self, rec: &mut Recorder, x: &Buffer<f32>, pass: &mut TmsdPass) -> Result<(), KernelError> {
-        rec.copy(x, 0, &mut pass.inputs[0], 0, x.len())?;
+        let Some(first) = pass.inputs.first_mut() else {
+            return colour_map::forward(rec, &self.colour_map, x, &mut pass.out);
+        };
+        colour_map::forward(rec, &self.colour_map, x, first)?;
         for (i, layer) in self.layers.iter().enumerate() {
             let (done, rest) = pass.inputs.split_at_mut(i + 1);
             let out = rest.first_mut().unwrap_or(&mut pass.delta);
@@ -280,6 +254,9 @@ impl Tmsd {
         pass: &mut TmsdPass,
         weights: Option<Accumulate>,
     ) -> Result<(), KernelError> {
+        if self.layers.is_empty() {
+            return colour_map::backward(rec, &self.colour_map, &pass.v_out, &mut pass.v_x);
+        }
         axpy::backward(rec, self.config.scale, &pass.v_out, &mut pass.v_delta)?;
         for i in (0..self.layers.len()).rev() {
             let Layer { conv, weight, v_weight, scratch, .. } = &mut self.layers[i];
@@ -292,7 +269,8 @@ impl Tmsd {
             let gate = (i > 0).then_some(&pass.inputs[i]);
             conv3d::backward_input(rec, conv, InputGradient { v_y, weight, gate }, &mut below[i], scratch)?;
         }
-        axpy::forward(rec, 1.0, &pass.v_out, &pass.v_inputs[0], &mut pass.v_x)
+        axpy::forward(rec, 1.0, &pass.v_out, &pass.v_inputs[0], &mut pass.v_delta)?;
+        colour_map::backward(rec, &self.colour_map, &pass.v_delta, &mut pass.v_x)
     }
 
     /// One Adam step on all weights.
@@ -314,6 +292,7 @@ impl Tmsd {
         let read = |l: &Layer| Ok(l.conv.unpack(&l.weight.read()?, l.given.0, l.given.1));
         Ok(TmsdWeights {
             config: self.config,
+            colour_map: self.colour_map,
             layers: self.layers.iter().map(read).collect::<Result<_, KernelError>>()?,
         })
     }

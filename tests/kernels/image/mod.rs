@@ -1,4 +1,5 @@
 mod clamp01;
+mod colour_map;
 mod noise;
 mod normalize;
 mod quantize;

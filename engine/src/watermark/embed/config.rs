@@ -130,16 +130,19 @@ impl EmbedConfig {
             control: Control::InverseBce { eps: 0.5 },
             lambda_control: 0.3,
             noise_sigma: (0.002, 0.05),
-            tmsd: TmsdConfig::default(),
+            tmsd: match mode {
+                ExtractorMode::Joint => TmsdConfig::default(),
+                _ => TmsdConfig::colour_map_only(),
+            },
             null_gain: 3.0,
             null_level: 0.02,
             responses,
         }
     }
 
-    /// Clips that the extractor reads per step: the marked one and, for `joint`, the clean and the noisy control.
+    /// Clips that the extractor reads per step: the marked one and, for `joint`, a control, clean and noisy by turns.
     pub(super) fn branches(&self) -> usize {
-        if self.mode == ExtractorMode::Joint { 3 } else { 1 }
+        if self.mode == ExtractorMode::Joint { 2 } else { 1 }
     }
 
     /// Refuses numbers that no embedding can work with.

@@ -43,7 +43,7 @@ pub(super) fn extractor(
         _ => {
             let map = colour_map(&second_moment(clips)?, config.null_gain, config.null_level);
             let mut rng = prf.stream(Stream::TmsdInit, config.seed);
-            Some(TmsdWeights::colour_map(config.tmsd, map, &mut rng))
+            Some(TmsdWeights::new(config.tmsd, map, &mut rng))
         }
     };
     let mut features = FeatureExtractor::new(device, clip, tmsd.as_ref(), 1, Purpose::Features)?;

@@ -35,7 +35,7 @@ use step::{Critic, Rates, Stage};
 const MSE_SHARE: f32 = 0.2;
 
 /// Training clips that share their times.
-const CLIPS_PER_TIMES: usize = 4;
+const CLIPS_PER_TIMES: usize = 16;
 
 /// A finished embedding.
 #[derive(Debug)]

@@ -230,11 +230,16 @@ impl Critic {
         rates: Rates,
     ) -> Result<(), KernelError> {
         if config.mode == ExtractorMode::Joint {
-            let noise = Noise { sigma: rates.sigma, seed: config.seed, stream: rates.stream };
-            noise::forward(rec, &noise, &clip.reference, &mut stage.noisy)?;
-            let scratch = &mut stage.resize_scratch;
-            resize::forward(rec, &stage.resize, &stage.noisy, &mut stage.noisy_resized, scratch)?;
-            self.features.forward(rec, &[&stage.resized, &clip.resized, &stage.noisy_resized])?;
+            let control = if rates.stream.is_multiple_of(2) {
+                &clip.resized
+            } else {
+                let noise = Noise { sigma: rates.sigma, seed: config.seed, stream: rates.stream };
+                noise::forward(rec, &noise, &clip.reference, &mut stage.noisy)?;
+                let scratch = &mut stage.resize_scratch;
+                resize::forward(rec, &stage.resize, &stage.noisy, &mut stage.noisy_resized, scratch)?;
+                &stage.noisy_resized
+            };
+            self.features.forward(rec, &[&stage.resized, control])?;
         } else {
             self.features.forward(rec, &[&stage.resized])?;
         }
@@ -282,7 +287,15 @@ impl Critic {
             let v_offsets = &mut stage.v_offsets;
             offset_penalty::step(rec, (&stage.offsets, weights), v_offsets, term, &mut self.sums)?;
         }
-        let adam = AdamConfig { lr: config.lr_dc * rates.decay, keep: rates.keep, ..AdamConfig::default() };
+        let env = |n: &str, d: f32| std::env::var(n).ok().map_or(d, |v| v.parse().unwrap());
+        let adam = AdamConfig { lr: config.lr_dc * rates.decay, keep: rates.keep, beta1: env("B1", 0.9), eps: env("EPS", 1e-8), beta2: env("B2", 0.999) };
+        if std::env::var("DBG").is_ok() && rates.stream % 50 == 49 {
+            let v = stage.offsets_state.exp_avg_sq.read()?;
+            let mut d: Vec<f32> = v.chunks(48).flat_map(|c| c[..3].to_vec()).map(|v| (v / (1.0 - 0.999f32.powi(rates.stream as i32))).sqrt()).collect();
+            d.sort_by(f32::total_cmp);
+            let n = d.len();
+            eprintln!("   rms quantiles {:e} {:e} {:e} {:e} {:e}", d[n / 10], d[n / 4], d[n / 2], d[n * 9 / 10], d[n * 99 / 100]);
+        }
         adam::step(rec, &mut stage.offsets, &stage.v_offsets, &mut stage.offsets_state, &adam)?;
         if training == Training::Tmsd
             && let Some(tmsd) = self.features.tmsd()

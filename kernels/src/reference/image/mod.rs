@@ -1,6 +1,7 @@
 //! Twins of `glsl/image`.
 
 pub mod clamp01;
+pub mod colour_map;
 pub mod noise;
 pub mod normalize;
 pub mod quantize;
