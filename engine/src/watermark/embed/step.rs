@@ -17,7 +17,6 @@ use super::config::EmbedConfig;
 use crate::error::EngineError;
 use crate::render::{OffsetBases, Offsets, Renderer};
 use crate::watermark::decoder::{Decoder, DecoderPass};
-use crate::watermark::evidence::ExtractorMode;
 use crate::watermark::extractor::{CLIP_FRAMES, FeatureExtractor, Training};
 use crate::watermark::message::Message;
 
@@ -38,6 +37,7 @@ pub(super) struct Stage {
     pub(super) offsets: Buffer<f32>,
     pub(super) offsets_state: AdamState,
     v_offsets: Buffer<f32>,
+    offset_sums: SumScratch,
     pub(super) raw: Buffer<f32>,
     pub(super) marked: Buffer<f32>,
     v_marked: Buffer<f32>,
@@ -67,6 +67,7 @@ impl Stage {
             offsets: device.buffer("offsets", offsets)?,
             offsets_state: AdamState::new(device, "offsets", offsets)?,
             v_offsets: device.buffer("v_offsets", offsets)?,
+            offset_sums: SumScratch::new(device, offsets.div_ceil(4))?,
             raw: full("raw")?,
             marked: full("marked")?,
             v_marked: full("v_marked")?,
@@ -141,7 +142,7 @@ impl Critic {
         message: &Message,
         config: &EmbedConfig,
     ) -> Result<Self, EngineError> {
-        let branches = config.branches();
+        let branches = features.branches();
         let bits: Vec<f32> = message.bits().map(|b| f32::from(u8::from(b))).collect();
         let branch = || -> Result<Branch, KernelError> {
             Ok(Branch {
@@ -166,6 +167,11 @@ impl Critic {
             features,
             decoder,
         })
+    }
+
+    /// R is trained exactly when control branches hold it back.
+    fn training(&self) -> Training {
+        if self.branches.len() > 1 { Training::Tmsd } else { Training::Frozen }
     }
 
     /// One step on `clip`. Returns what it saw before the update, and the device time of every pass.
@@ -229,7 +235,7 @@ impl Critic {
         config: &EmbedConfig,
         rates: Rates,
     ) -> Result<(), KernelError> {
-        if config.mode == ExtractorMode::Joint {
+        if self.training() == Training::Tmsd {
             let noise = Noise { sigma: rates.sigma, seed: config.seed, stream: rates.stream };
             noise::forward(rec, &noise, &clip.reference, &mut stage.noisy)?;
             let scratch = &mut stage.resize_scratch;
@@ -266,7 +272,7 @@ impl Critic {
         config: &EmbedConfig,
         rates: Rates,
     ) -> Result<(), EngineError> {
-        let training = if config.mode == ExtractorMode::Joint { Training::Tmsd } else { Training::Frozen };
+        let training = self.training();
         self.decoder.backward(rec, &mut self.pass)?;
         self.features.backward(rec, &self.pass.v_features, training)?;
         let into = (&mut stage.v_marked, Accumulate::Add);
@@ -280,7 +286,7 @@ impl Critic {
             let accumulate = Accumulate::Add;
             let term = Term { values: &mut self.values, slot: OFFSET, weight: config.lambda_offset, accumulate };
             let v_offsets = &mut stage.v_offsets;
-            offset_penalty::step(rec, (&stage.offsets, weights), v_offsets, term, &mut self.sums)?;
+            offset_penalty::step(rec, (&stage.offsets, weights), v_offsets, term, &mut stage.offset_sums)?;
         }
         let adam = AdamConfig { lr: config.lr_dc * rates.decay, keep: rates.keep, ..AdamConfig::default() };
         adam::step(rec, &mut stage.offsets, &stage.v_offsets, &mut stage.offsets_state, &adam)?;
