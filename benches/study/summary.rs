@@ -105,7 +105,9 @@ coin flips. Bits of one scene and key depend on one another, so chance leaves th
 - **worst p**: all marked frames as one reading; the chance that a random message matches as well. For `joint` there is \
 no p-value, because it was trained with the message: only (1 + hits) / (1 + clips) from the other scenes.\n\
 - **present**: in how many seeds `verify` would say so, controls included.\n\
-- **wrong key**: the message's bits read with another key, and that key's own message.\n\
+- **wrong key**: the same extractor with another key. That key's own message should be at 50. The owner's message need \
+not be: the calibration, which lies in the private extractor file, says which direction is which bit, so what is above \
+50 here is what the extractor file alone gives away.\n\
 - **untrained R**: `joint`'s copy read by its extractor before training, which is blind to the message: what the \
 asset alone carries. (R replaced by the identity would be read through a calibration that was fitted through R.)\n\
 - **swap**: a second copy with another message, optimised through the first copy's frozen extractor. The second \

@@ -45,9 +45,10 @@ pub struct CrossExamination {
     pub evidence: Evidence,
     /// Bits of the message in other scenes' clips; none without other scenes.
     pub other_scenes: Option<Leak>,
-    /// Bits of the message in the marked clips, read with the stranger's key.
+    /// Bits of the message in the marked clips, read by the same extractor with the stranger's key: what the private
+    /// extractor file gives away by itself, since its calibration assigns directions to bits.
     pub wrong_key: Leak,
-    /// Bits of the stranger's own message there.
+    /// Bits of the stranger's own message there: at chance.
     pub wrong_key_own: Leak,
     /// Bits of the message in the marked clips, read by the untrained extractor: what the asset alone carries.
     pub untrained: Option<Leak>,
