@@ -25,6 +25,9 @@ pub struct Calibration {
     pub mean_image: Vec<f32>,
     /// Image directions `[D, L]`, scaled and mixed.
     pub directions: Vec<f32>,
+    /// Mean logits of unmarked clips `[L]`, taken off the decoder's output: bits of an unmarked clip fall on either
+    /// side of zero.
+    pub mean_logits: Vec<f32>,
 }
 
 /// Features that a calibration is fitted to, all of unmarked or randomly perturbed clips.
@@ -41,7 +44,7 @@ pub struct CalibrationData<'a> {
 }
 
 impl Calibration {
-    /// Fits the directions.
+    /// Fits the directions; the mean logits are left at zero, for they need the decoder.
     ///
     /// # Equation
     /// The L leading solutions v of Σ_response v = λ (Σ_content + ridge) v (Fisher 1936, discriminants), scaled to
@@ -92,10 +95,15 @@ impl Calibration {
         if scaled.iter().any(|v| !v.is_finite()) {
             return Err(not_finite("calibrated directions"));
         }
-        Ok(Self { mean_image: mean.iter().map(|v| single(*v)).collect(), directions: row_major(&scaled) })
+        Ok(Self {
+            mean_image: mean.iter().map(|v| single(*v)).collect(),
+            directions: row_major(&scaled),
+            mean_logits: vec![0.0; bits],
+        })
     }
 
-    /// The decoder with this map folded into its first layer, so that it reads image features directly.
+    /// The decoder with this map folded into its first layer, so that it reads image features directly, and the mean
+    /// logits into its last.
     #[must_use]
     pub fn fold(&self, decoder: &DecoderWeights, codes: &[f32], text_mean: &[f32]) -> DecoderWeights {
         let (width, bits) = (decoder.width(), decoder.bits());
@@ -109,15 +117,20 @@ impl Calibration {
         let bias = first.bias.iter().zip(shift.iter()).map(|(b, s)| single(f64::from(*b) + s)).collect();
         let mut layers = decoder.layers.clone();
         layers[0] = Linear { weight: row_major(&folded), bias, ..first.clone() };
+        if let Some(last) = layers.last_mut() {
+            last.bias.iter_mut().zip(&self.mean_logits).for_each(|(b, mean)| *b -= mean);
+        }
         DecoderWeights { layers }
     }
 
-    /// Adds the tensors `calibration.mean_image` and `calibration.directions` to a file.
+    /// Adds the tensors `calibration.mean_image`, `calibration.directions` and
+    /// `calibration.mean_logits` to a file.
     pub fn store(&self, file: &mut TensorFile, bits: usize) {
         let width = self.mean_image.len();
         file.tensors.insert("calibration.mean_image".to_owned(), Tensor::f32(&[width], self.mean_image.clone()));
         let directions = Tensor::f32(&[width, bits], self.directions.clone());
         file.tensors.insert("calibration.directions".to_owned(), directions);
+        file.tensors.insert("calibration.mean_logits".to_owned(), Tensor::f32(&[bits], self.mean_logits.clone()));
     }
 
     /// Reads what [`Calibration::store`] wrote.
@@ -128,6 +141,7 @@ impl Calibration {
         Ok(Self {
             mean_image: file.floats("calibration.mean_image", &[width])?.to_vec(),
             directions: file.floats("calibration.directions", &[width, bits])?.to_vec(),
+            mean_logits: file.floats("calibration.mean_logits", &[bits])?.to_vec(),
         })
     }
 }

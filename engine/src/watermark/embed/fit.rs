@@ -3,6 +3,7 @@
 //! Nothing here sees a message or a marked clip: the inputs are unmarked clips, random offsets, and the key's
 //! public-to-itself geometry (token directions).
 
+use guard4d_kernels::image::noise::Noise;
 use guard4d_kernels::image::quantize;
 use guard4d_kernels::image::resize;
 use guard4d_kernels::{Buffer, Device};
@@ -15,6 +16,7 @@ use crate::clip::{Clip, Purpose};
 use crate::error::EngineError;
 use crate::render::{OffsetBases, Offsets};
 use crate::watermark::calibration::{Calibration, CalibrationData};
+use crate::watermark::decoder::Decoder;
 use crate::watermark::evidence::ExtractorMode;
 use crate::watermark::extractor::{CLIP_FRAMES, ExtractorWeights, FeatureExtractor};
 use crate::watermark::key::Key;
@@ -27,6 +29,8 @@ const RESPONSE_BASES: OffsetBases = OffsetBases::Dc;
 const RESPONSE_LEVEL: f64 = 0.0125;
 /// SH constant Y₀: colour per unit of DC offset.
 const Y0: f64 = 0.282_094_79;
+/// Clips whose logits set the zero.
+const ZERO_CLIPS: usize = 32;
 /// Clips on which each random field is tried.
 const CLIPS_PER_RESPONSE: usize = 2;
 
@@ -58,7 +62,51 @@ pub(super) fn extractor(
         bits: key.bits(),
     };
     let calibration = Calibration::fit(&data, &mut prf.stream(Stream::Calibration, config.seed))?;
-    Ok(ExtractorWeights { mode: config.mode, tmsd, calibration })
+    let mut weights = ExtractorWeights { mode: config.mode, tmsd, calibration };
+    set_zero(device, clip, key, &mut weights, (config, clips, stage))?;
+    Ok(weights)
+}
+
+/// Sets the mean logits to those of unmarked clips, clean and noisy, as R and the directions are now.
+///
+/// CLIP gives all clips of one asset much the same feature, so without this an unmarked clip reads as a fixed
+/// word; with it the bits fall by content, and each bit's threshold lies in the middle.
+pub(super) fn set_zero(
+    device: &Device,
+    clip: &Clip,
+    key: &Key,
+    weights: &mut ExtractorWeights,
+    (config, clips, stage): (&EmbedConfig, &[TrainingClip], &mut Stage),
+) -> Result<(), EngineError> {
+    let bits = key.bits();
+    weights.calibration.mean_logits = vec![0.0; bits];
+    let mut features = FeatureExtractor::new(device, clip, weights.tmsd.as_ref(), 1, Purpose::Features)?;
+    let decoder = Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;
+    let mut pass = decoder.pass(device, CLIP_FRAMES)?;
+    let sigma = (config.noise_sigma.0 * config.noise_sigma.1).sqrt();
+    let (mut sums, mut rows) = (vec![0.0f64; bits], 0.0);
+    for (stream, clip) in (0..).zip(clips.iter().take(ZERO_CLIPS)) {
+        for noise in [None, Some(Noise { sigma, seed: config.seed, stream })] {
+            let mut rec = device.recorder()?;
+            match noise {
+                None => features.forward(&mut rec, &[&clip.resized])?,
+                Some(noise) => {
+                    stage.noisy(&mut rec, clip, &noise)?;
+                    features.forward(&mut rec, &[&stage.noisy_resized])?;
+                }
+            }
+            decoder.forward(&mut rec, features.features(), &mut pass)?;
+            rec.submit()?;
+            for row in pass.logits.read()?.chunks_exact(bits) {
+                sums.iter_mut().zip(row).for_each(|(sum, v)| *sum += f64::from(*v));
+                rows += 1.0;
+            }
+        }
+    }
+    #[allow(clippy::cast_possible_truncation, reason = "logits are single precision")]
+    let means = sums.into_iter().map(|sum| (sum / f64::max(rows, 1.0)) as f32).collect();
+    weights.calibration.mean_logits = means;
+    Ok(())
 }
 
 /// E[x xᵀ] over all pixels of the resized unmarked clips.

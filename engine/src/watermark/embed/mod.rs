@@ -30,7 +30,7 @@ use crate::train::schedule::cosine;
 use crate::watermark::decoder::Decoder;
 use crate::watermark::digest::Digest;
 use crate::watermark::evidence::ExtractorMode;
-use crate::watermark::extractor::{CLIP_FRAMES, ExtractorWeights, FeatureExtractor};
+use crate::watermark::extractor::{CLIP_FRAMES, ExtractorWeights, FeatureExtractor, Training};
 use crate::watermark::key::Key;
 use crate::watermark::message::Message;
 use crate::watermark::prf::{Purpose as Stream, uniform_below, uniform_unit};
@@ -225,8 +225,12 @@ impl<'a> Embedding<'a> {
         let offsets = self.stage.offsets.read()?;
         let clean = &self.subject.model.gaussians.sh_coeffs;
         let sh_coeffs = marked(clean, &offsets, self.stage.bases);
-        if let Some(tmsd) = self.critic.features.tmsd() {
+        if self.critic.training() == Training::Tmsd
+            && let Some(tmsd) = self.critic.features.tmsd()
+        {
             self.weights.tmsd = Some(tmsd.weights()?);
+            let Subject { device, clip, key, .. } = self.subject;
+            fit::set_zero(device, clip, key, &mut self.weights, (&self.config, &self.clips, &mut self.stage))?;
         }
         Ok(Embedded {
             sh_coeffs,

@@ -52,7 +52,7 @@ pub(super) struct Stage {
     v_raw: Buffer<f32>,
     pub(super) resized: Buffer<f32>,
     noisy: Buffer<f32>,
-    noisy_resized: Buffer<f32>,
+    pub(super) noisy_resized: Buffer<f32>,
 }
 
 impl Stage {
@@ -93,6 +93,19 @@ impl Stage {
         self.renderer.forward_clip(rec, &clip.plans, Some(offsets), self.background, &mut self.raw)?;
         quantize::forward(rec, &self.raw, &mut self.marked)?;
         Ok(resize::forward(rec, &self.resize, &self.marked, &mut self.resized, &mut self.resize_scratch)?)
+    }
+
+    /// The noisy control at CLIP's size, rounded before it is resized, in `self.noisy_resized`.
+    pub(super) fn noisy(
+        &mut self,
+        rec: &mut Recorder,
+        clip: &TrainingClip,
+        noise: &Noise,
+    ) -> Result<(), KernelError> {
+        // `v_raw` is free until the backward pass.
+        noise::forward(rec, noise, &clip.reference, &mut self.v_raw)?;
+        quantize::forward(rec, &self.v_raw, &mut self.noisy)?;
+        resize::forward(rec, &self.resize, &self.noisy, &mut self.noisy_resized, &mut self.resize_scratch)
     }
 }
 
@@ -195,7 +208,7 @@ impl Critic {
     }
 
     /// R is trained exactly when control branches hold it back.
-    fn training(&self) -> Training {
+    pub(super) fn training(&self) -> Training {
         if self.branches.len() > 1 { Training::Tmsd } else { Training::Frozen }
     }
 
@@ -260,12 +273,7 @@ impl Critic {
             let control = if rates.stream.is_multiple_of(2) {
                 &clip.resized
             } else {
-                let noise = Noise { sigma: rates.sigma, seed: config.seed, stream: rates.stream };
-                // `raw` waits for the backward pass and `v_raw` is free until then.
-                noise::forward(rec, &noise, &clip.reference, &mut stage.v_raw)?;
-                quantize::forward(rec, &stage.v_raw, &mut stage.noisy)?;
-                let scratch = &mut stage.resize_scratch;
-                resize::forward(rec, &stage.resize, &stage.noisy, &mut stage.noisy_resized, scratch)?;
+                stage.noisy(rec, clip, &Noise { sigma: rates.sigma, seed: config.seed, stream: rates.stream })?;
                 &stage.noisy_resized
             };
             self.features.forward(rec, &[&stage.resized, control])?;
