@@ -75,7 +75,7 @@ fn same_key_and_features_give_the_same_map() {
 #[test]
 fn fold_is_the_affine_map_followed_by_the_decoder() {
     let mut random = Random(7);
-    let map = fitted(7);
+    let mut map = fitted(7);
     let decoder = random_weights(&mut random, WIDTH, BITS);
     let (codes, text_mean) = (random.vec_f32(BITS * WIDTH, -0.3, 0.3), random.vec_f32(WIDTH, -1.0, 1.0));
     let folded = map.fold(&decoder, &codes, &text_mean);
@@ -92,6 +92,14 @@ fn fold_is_the_affine_map_followed_by_the_decoder() {
         assert_close(&got, &want, 1e-4, 1e-4);
     }
     assert_eq!(folded.layers[1..], decoder.layers[1..], "only the first layer changes");
+    map.mean_logits = random.vec_f32(BITS, -2.0, 2.0);
+    let (content, _) = features(7);
+    let feature = wide(&content[..WIDTH]);
+    let zeroed = logits(&map.fold(&decoder, &codes, &text_mean), &feature);
+    let before = logits(&folded, &feature);
+    let want = before.iter().zip(&map.mean_logits).map(|(o, mean)| (o - f64::from(*mean)) as f32);
+    // One more rounding of a bias below 4.
+    assert_close(&zeroed.iter().map(|v| *v as f32).collect::<Vec<_>>(), &want.collect::<Vec<_>>(), 1e-6, 0.0);
 }
 
 #[test]
@@ -131,7 +139,7 @@ fn codes_are_half_the_change_of_a_flipped_bit() {
 
 #[test]
 fn file_gives_back_what_was_stored() {
-    let map = fitted(9);
+    let map = Calibration { mean_logits: Random(9).vec_f32(BITS, -1.0, 1.0), ..fitted(9) };
     let mut file = TensorFile::default();
     map.store(&mut file, BITS);
     assert_eq!(Calibration::load(&file, WIDTH, BITS).expect("loads"), map, "round trip");
