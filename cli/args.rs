@@ -24,7 +24,7 @@ const EXIT_CODES: &str = "Exit codes:
   65  an input's content is wrong          66  an input is missing
   69  no suitable device or program        70  internal error
   73  an output cannot be created          74  reading or writing failed
-  75  interrupted, checkpoint written      76  the device was lost";
+  75  interrupted; embed left a checkpoint 76  the device was lost";
 
 /// Flags of every subcommand.
 #[derive(Args, Debug)]
@@ -166,9 +166,21 @@ pub(crate) struct EmbedArgs {
     /// Training steps instead of the profile's
     #[arg(long)]
     pub(crate) steps: Option<u32>,
+    /// Training clips instead of the profile's
+    #[arg(long)]
+    pub(crate) train_clips: Option<u32>,
+    /// Random offset fields that the calibration is fitted to, instead of the profile's
+    #[arg(long)]
+    pub(crate) responses: Option<u32>,
     /// Fidelity to hold, in dB over whole frames, instead of the profile's
     #[arg(long)]
     pub(crate) target_psnr: Option<f32>,
+    /// Quality gate: least share of bits right on unseen clips, 0 to 1; by default what `verify` needs to say present
+    #[arg(long, value_name = "SHARE")]
+    pub(crate) min_accuracy: Option<f64>,
+    /// Quality gate: least PSNR of whole unseen frames in dB; by default none
+    #[arg(long, value_name = "DB")]
+    pub(crate) min_psnr: Option<f64>,
     /// Seed of cameras and noise
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,

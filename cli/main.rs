@@ -11,6 +11,7 @@ mod media;
 mod progress;
 mod render;
 mod report;
+mod stop;
 mod verify;
 mod views;
 

@@ -1,6 +1,7 @@
 //! The program itself: exit codes, messages, what goes to stdout, and what is left on disk.
 
 mod dump;
+mod embed;
 mod inputs;
 mod outputs;
 mod usage;
@@ -9,7 +10,7 @@ mod verify;
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Output};
 
 use tempfile::TempDir;
 
@@ -21,6 +22,15 @@ struct Run {
 }
 
 impl Run {
+    fn of(output: Output) -> Self {
+        let text = |bytes| String::from_utf8(bytes).expect("the program writes UTF-8");
+        Self {
+            code: output.status.code().expect("the program was not killed"),
+            stdout: text(output.stdout),
+            stderr: text(output.stderr),
+        }
+    }
+
     /// Fails unless the program ended with `code`, said all of `words` on stderr, and nothing on stdout.
     #[track_caller]
     fn refused(&self, code: i32, words: &[&str]) {
@@ -43,15 +53,14 @@ impl Run {
 
 /// Runs the program.
 fn guard4d(args: &[&dyn AsRef<OsStr>]) -> Run {
+    Run::of(command(args).output().expect("the program was built with the tests"))
+}
+
+/// The program, to be started.
+fn command(args: &[&dyn AsRef<OsStr>]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_guard4d"));
     command.args(args.iter().map(|a| a.as_ref())).env_remove("RUST_LOG").env("NO_COLOR", "1");
-    let output = command.output().expect("the program was built with the tests");
-    let text = |bytes| String::from_utf8(bytes).expect("the program writes UTF-8");
-    Run {
-        code: output.status.code().expect("the program was not killed"),
-        stdout: text(output.stdout),
-        stderr: text(output.stderr),
-    }
+    command
 }
 
 /// A folder for one test's outputs.

@@ -1,6 +1,7 @@
 mod calibration;
 mod decoder;
 mod evidence;
+mod gate;
 mod message;
 mod metrics;
 mod prf;

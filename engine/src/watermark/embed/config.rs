@@ -142,11 +142,11 @@ impl EmbedConfig {
         if self.mode == ExtractorMode::Joint { 3 } else { 1 }
     }
 
-    /// Refuses numbers that no embedding can work with.
+    /// Refuses numbers that no embedding of `bits` bits can work with.
     ///
     /// # Errors
     /// [`EngineError::Usage`] naming the field.
-    pub fn validate(&self) -> Result<(), EngineError> {
+    pub fn validate(&self, bits: usize) -> Result<(), EngineError> {
         self.tmsd.validate()?;
         let checks = [
             ("steps", self.steps as f64, self.steps > 0),
@@ -162,6 +162,13 @@ impl EmbedConfig {
                     expected: "a sensible positive number (PSNR: 20 to 80 dB)".to_owned(),
                 });
             }
+        }
+        if self.responses < bits {
+            return Err(EngineError::Usage {
+                what: "responses".to_owned(),
+                got: self.responses.to_string(),
+                expected: format!("at least one per bit, {bits}"),
+            });
         }
         Ok(())
     }

@@ -97,7 +97,7 @@ impl<'a> Embedding<'a> {
     /// # Errors
     /// [`EngineError::Usage`] for impossible settings; when memory runs out or the device fails.
     pub fn prepare(subject: Subject<'a>, config: EmbedConfig) -> Result<Self, EngineError> {
-        config.validate()?;
+        config.validate(subject.key.bits())?;
         let Subject { device, clip, key, model, message } = subject;
         let mut seconds = BTreeMap::new();
         let started = Instant::now();
