@@ -30,6 +30,10 @@ const EXIT_CODES: &str = "Exit codes:
 #[derive(Args, Debug)]
 pub(crate) struct Common {
     /// Vulkan device: auto, cpu, a number of `guard4d devices`, name:…, uuid:… or pci:…
+    ///
+    /// `auto` takes the GPU that a scheduler assigned (CUDA_VISIBLE_DEVICES, ROCR_VISIBLE_DEVICES, HIP_VISIBLE_DEVICES,
+    /// GPU_DEVICE_ORDINAL, SLURM_JOB_GPUS, CUE_GPU_CORES, PARALLEL_JOBSLOT: numbers in PCI order, or a UUID), else the only
+    /// GPU, else the processor. `guard4d devices` marks the one that it takes.
     #[arg(long, global = true, default_value = "auto", env = "GUARD4D_DEVICE")]
     pub(crate) device: DeviceSelect,
     /// Print results as JSON on stdout
@@ -200,7 +204,7 @@ pub(crate) struct EmbedArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct VerifyArgs {
-    /// PNG folders or video files
+    /// PNG folders or video files; too few frames in all, such as a single one, end inconclusive
     #[arg(required = true)]
     pub(crate) clips: Vec<PathBuf>,
     /// Owner key

@@ -19,12 +19,11 @@ use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::message::Payload;
 use guard4d_engine::watermark::prf::MasterSecret;
 use guard4d_engine::watermark::verify::{Case, Exhibits, clean_clips};
-use guard4d_kernels::Device;
 
 use crate::args::{Common, DemoArgs};
 use crate::media::{ffmpeg, read_options};
 use crate::report::{Outcome, evaluation_rows, table};
-use crate::{embed, stop, verify};
+use crate::{devices, embed, stop, verify};
 
 pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineError> {
     let talk = |text: &str| {
@@ -35,7 +34,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     stop::listen(common);
     let existing = if args.overwrite { Existing::Replace } else { Existing::Refuse };
     let out = AtomicDir::create(&args.out, existing)?;
-    let device = Device::open(&common.device)?;
+    let device = devices::open(common)?;
     talk(&format!("device: {}", device.info().name));
     let clip = Clip::load(&device, &ClipSource::Mini)?;
     let scene = Scene::unpack()?;

@@ -16,10 +16,10 @@ use guard4d_engine::watermark::gate::{Gate, Shortfall};
 use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::message::Payload;
 use guard4d_engine::watermark::undo;
-use guard4d_kernels::Device;
 use serde::Serialize;
 
 use crate::args::{Common, EmbedArgs, ExtractorArg, ProfileArg};
+use crate::devices;
 use crate::progress::bar;
 use crate::report::{Outcome, evaluation_rows, print, table};
 use crate::stop;
@@ -41,7 +41,7 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
     }
     stop::listen(common);
     let out = AtomicDir::create(&args.out, existing)?;
-    let device = Device::open(&common.device)?;
+    let device = devices::open(common)?;
     let clip = Clip::load(&device, &ClipSource::from_argument(&args.clip))?;
     let key_path = args.key.as_ref().expect("clap requires it without --undo");
     let key = Key::read(key_path, &clip)?;

@@ -10,9 +10,9 @@ use guard4d_engine::media::frames::{png_name, write_png};
 use guard4d_engine::output::{AtomicDir, Existing};
 use guard4d_engine::render::Film;
 use guard4d_engine::scene::Model;
-use guard4d_kernels::Device;
 
 use crate::args::{Common, RenderArgs};
+use crate::devices;
 use crate::media::ffmpeg;
 use crate::progress::bar;
 use crate::report::Outcome;
@@ -21,7 +21,7 @@ use crate::views::cameras;
 
 pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<Outcome, EngineError> {
     stop::listen(common);
-    let device = Device::open(&common.device)?;
+    let device = devices::open(common)?;
     let model = Model::open(&args.model)?;
     let clips = cameras(&args.views)?.clips();
     let total: usize = clips.iter().map(Vec::len).sum();

@@ -1,4 +1,4 @@
-//! Models, checkpoints, keys and messages that must be refused.
+//! Checkpoints, keys and messages that must be refused.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,10 +7,9 @@ use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::tensor_file::{Tensor, TensorFile};
 
 use super::{guard4d, names, put, scratch};
-use crate::scene::fixture::{TinyModel, cfg_args};
+use crate::scene::fixture::TinyModel;
 use crate::support::gpu::device;
 use crate::support::owner::{BITS, key_file};
-use crate::support::pth_builder::{Pickle, archive};
 use crate::support::repo;
 
 #[test]
@@ -25,42 +24,6 @@ fn a_missing_model_is_a_missing_input() {
         guard4d(&[&"render", &nowhere, &"--out", &out]).refused(66, &words);
     }
     assert_eq!(names(folder.path()), [""; 0], "nothing is written");
-}
-
-#[test]
-fn damaged_models_are_refused_with_file_and_field() {
-    let model = TinyModel::new();
-    let ply = model.saved("point_cloud.ply");
-    let whole = fs::read(model.file(&ply)).expect("readable");
-    for (bytes, words) in [
-        (whole[..whole.len() - 5].to_vec(), "point_cloud.ply"),
-        (b"ply\nformat".to_vec(), "point_cloud.ply"),
-        (Vec::new(), "point_cloud.ply"),
-    ] {
-        model.write(&ply, &bytes);
-        guard4d(&[&"inspect", &model.path()]).refused(65, &[words, "bad_data"]);
-    }
-    model.write(&ply, &whole);
-    guard4d(&[&"inspect", &model.path()]).done();
-}
-
-#[test]
-fn a_hostile_pickle_is_refused_and_never_run() {
-    let model = TinyModel::new();
-    let proof = model.file("executed");
-    let command = format!("touch {}", proof.display());
-    let pickle = Pickle::new().global("os", "system").text(&command).op(b"\x85R").stop();
-    model.write(&model.saved("deformation.pth"), &archive(pickle, &[]));
-    guard4d(&[&"inspect", &model.path()]).refused(65, &["deformation.pth", "`os.system`", "was not run"]);
-    assert!(!proof.exists(), "the payload was not run");
-}
-
-#[test]
-fn unknown_settings_of_a_model_are_refused() {
-    let model = TinyModel::new();
-    let strange = cfg_args().replace("no_do=True", "no_do=True, no_gravity=True");
-    model.write("cfg_args", strange.as_bytes());
-    guard4d(&[&"inspect", &model.path()]).refused(65, &["cfg_args", "no_gravity"]);
 }
 
 /// The configuration of the embedded checkpoint, in a folder of its own.

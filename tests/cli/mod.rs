@@ -1,8 +1,10 @@
 //! The program itself: exit codes, messages, what goes to stdout, and what is left on disk.
 
+mod devices;
 mod dump;
 mod embed;
 mod inputs;
+mod models;
 mod outputs;
 mod usage;
 mod verify;
@@ -12,6 +14,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use guard4d_kernels::vk::Assignment;
 use tempfile::TempDir;
 
 /// What a run of the program left.
@@ -60,6 +63,10 @@ fn guard4d(args: &[&dyn AsRef<OsStr>]) -> Run {
 fn command(args: &[&dyn AsRef<OsStr>]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_guard4d"));
     command.args(args.iter().map(|a| a.as_ref())).env_remove("RUST_LOG").env("NO_COLOR", "1");
+    // What a scheduler says to the tests is not meant for the program under test.
+    for name in Assignment::variables() {
+        command.env_remove(name);
+    }
     command
 }
 
@@ -82,4 +89,14 @@ fn put(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
     fs::create_dir_all(path.parent().expect("the path has a folder")).expect("a temporary folder is writable");
     fs::write(&path, bytes).expect("a temporary folder is writable");
     path
+}
+
+/// Whether there is ffmpeg, which continuous integration must have.
+fn has_ffmpeg() -> bool {
+    let found = Command::new("ffmpeg").arg("-version").output().is_ok_and(|out| out.status.success());
+    assert!(found || std::env::var_os("CI").is_none(), "continuous integration needs ffmpeg");
+    if !found {
+        eprintln!("SKIPPED: ffmpeg is not here");
+    }
+    found
 }

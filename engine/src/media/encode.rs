@@ -78,7 +78,8 @@ impl Mp4Writer {
         let output = AtomicFile::create(path, options.existing)?;
         let program = options.ffmpeg.ffmpeg.clone();
         let mut command = Command::new(&program);
-        command.args(["-hide_banner", "-loglevel", "error", "-y"]);
+        // Without -xerror, ffmpeg 5.1 counts a file whose end did not fit on the disk as a success.
+        command.args(["-hide_banner", "-loglevel", "error", "-xerror", "-y"]);
         command.args(["-f", "rawvideo", "-pix_fmt", "rgb24", "-video_size"]);
         command.arg(format!("{}x{}", even(size_px.0), even(size_px.1)));
         let FrameRate { frames, seconds } = options.frame_rate;
@@ -130,7 +131,7 @@ impl Mp4Writer {
             return Err(failed(&self.program, "the encoder had stopped"));
         };
         let ended = running.wait()?;
-        if !ended.success {
+        if !ended.success || !ended.messages.is_empty() {
             return Err(self.stopped(&ended.messages));
         }
         self.output.commit()
