@@ -143,6 +143,14 @@ pub(crate) enum ExtractorArg {
     Joint,
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum BasesArg {
+    /// The base colour alone: survives formats that drop the rest
+    Dc,
+    /// Every coefficient of the model's degree: the mark then also turns with the view
+    All,
+}
+
 #[derive(Args, Debug)]
 pub(crate) struct EmbedArgs {
     /// 4DGaussians model folder or static INRIA PLY; with --undo the marked one
@@ -185,6 +193,9 @@ pub(crate) struct EmbedArgs {
     /// Quality gate: least PSNR of whole unseen frames in dB; by default none
     #[arg(long, value_name = "DB")]
     pub(crate) min_psnr: Option<f64>,
+    /// SH coefficients to write into
+    #[arg(long, value_enum, default_value = "dc")]
+    pub(crate) bases: BasesArg,
     /// Seed of cameras and noise
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,

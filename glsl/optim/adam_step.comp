@@ -4,9 +4,12 @@
 //   in   param [n]   v_param [n] = dL/d(param)
 //   out  param [n] (=)   exp_avg [n] (=)   exp_avg_sq [n] (=)
 //   twin kernels/src/reference/optim/adam.rs   bias_i = 1 - beta_i^t and keep = 1 - decay, from the host
+//   parameter groups: in rows of ROW elements the first HEAD move at lr, the others at lr_tail
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
-layout(push_constant) uniform Params { uint n; float lr, beta1, beta2, eps, bias1, bias2, keep; } p;
+layout(constant_id = 0) const uint ROW = 1;
+layout(constant_id = 1) const uint HEAD = 1;
+layout(push_constant) uniform Params { uint n; float lr, lr_tail, beta1, beta2, eps, bias1, bias2, keep; } p;
 layout(set = 0, binding = 0) buffer Param { float param[]; };
 layout(set = 0, binding = 1) readonly buffer VParam { float v_param[]; };
 layout(set = 0, binding = 2) buffer ExpAvg { float exp_avg[]; };
@@ -20,5 +23,6 @@ void main() {
     float second = p.beta2 * exp_avg_sq[i] + (1.0 - p.beta2) * v * v;
     exp_avg[i] = first;
     exp_avg_sq[i] = second;
-    param[i] = p.keep * param[i] - p.lr * (first / p.bias1) / (sqrt(second / p.bias2) + p.eps);
+    float lr = i % ROW < HEAD ? p.lr : p.lr_tail;
+    param[i] = p.keep * param[i] - lr * (first / p.bias1) / (sqrt(second / p.bias2) + p.eps);
 }
