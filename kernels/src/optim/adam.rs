@@ -104,8 +104,9 @@ pub fn step(
     }
     state.steps += 1;
     let exponent = i32::try_from(state.steps).unwrap_or(i32::MAX);
+    let texels = n.div_ceil(4);
     let params = adam_step::Params {
-        n: dim(n),
+        texels: dim(texels),
         lr: config.lr,
         lr_tail,
         beta1: config.beta1,
@@ -115,6 +116,15 @@ pub fn step(
         bias2: 1.0 - config.beta2.powi(exponent),
         keep: config.keep,
     };
-    let bind = adam_step::Bind { param, v_param, exp_avg: &mut state.exp_avg, exp_avg_sq: &mut state.exp_avg_sq };
-    rec.dispatch_spec(bind, params, adam_step::Spec { row: dim(row), head: dim(head) }, Grid::threads(n))
+    let before = [param.alias(), state.exp_avg.alias(), state.exp_avg_sq.alias()];
+    let bind = adam_step::Bind {
+        param_before: &before[0],
+        exp_avg_before: &before[1],
+        exp_avg_sq_before: &before[2],
+        v_param,
+        param,
+        exp_avg: &mut state.exp_avg,
+        exp_avg_sq: &mut state.exp_avg_sq,
+    };
+    rec.dispatch_spec(bind, params, adam_step::Spec { row: dim(row), head: dim(head) }, Grid::threads(texels))
 }
