@@ -4,9 +4,12 @@ use guard4d_engine::watermark::evaluate::Evaluation;
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::gate::{Figure, Gate};
 use guard4d_engine::watermark::metrics::{Decibels, PsnrSummary, SquaredError};
+use guard4d_engine::watermark::null_panel::{ControlState, Leak};
 
 fn evaluation(marked: f64, psnr_db: f64) -> Evaluation {
     let psnr = PsnrSummary::of(&[SquaredError { sum: 0.01, num_samples: 300 }]).expect("one view");
+    let state = ControlState::Quiet;
+    let leak = Leak { matches: 48, num_bits: 96, deviation: 0.0, band_low: 36, band_high: 60, state };
     Evaluation {
         mode: ExtractorMode::Blind,
         clips: 6,
@@ -15,7 +18,9 @@ fn evaluation(marked: f64, psnr_db: f64) -> Evaluation {
         marked_frames: marked,
         matches: vec![14; 6],
         clean: 0.5,
+        clean_leak: leak.clone(),
         noisy: 0.5,
+        noisy_leak: leak,
         psnr: PsnrSummary { mean_of_views_db: Decibels(psnr_db), ..psnr },
         foreground_psnr: psnr,
         ssim: 1.0,

@@ -165,11 +165,11 @@ impl EmbedConfig {
         if self.mode == ExtractorMode::Joint { 3 } else { 1 }
     }
 
-    /// Refuses numbers that no embedding of `bits` bits can work with.
+    /// Refuses numbers that no embedding can work with.
     ///
     /// # Errors
     /// [`EngineError::Usage`] naming the field.
-    pub fn validate(&self, bits: usize) -> Result<(), EngineError> {
+    pub fn validate(&self) -> Result<(), EngineError> {
         self.tmsd.validate()?;
         let checks = [
             ("steps", self.steps as f64, self.steps > 0),
@@ -193,6 +193,15 @@ impl EmbedConfig {
                 });
             }
         }
+        Ok(())
+    }
+
+    /// [`EmbedConfig::validate`], and that a message of `bits` bits can be calibrated.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] naming the field.
+    pub fn validate_for(&self, bits: usize) -> Result<(), EngineError> {
+        self.validate()?;
         if self.responses < bits {
             return Err(EngineError::Usage {
                 what: "responses".to_owned(),

@@ -113,6 +113,7 @@ impl<'a> Embedding<'a> {
     /// # Errors
     /// [`EngineError::Usage`] for impossible settings; when memory runs out or the device fails.
     pub fn prepare(subject: Subject<'a>, config: EmbedConfig) -> Result<Self, EngineError> {
+        config.validate_for(subject.key.bits())?;
         Self::prepare_with(subject, config, Start::Fit)
     }
 
@@ -121,7 +122,7 @@ impl<'a> Embedding<'a> {
     /// # Errors
     /// As [`Embedding::prepare`]; [`EngineError::Usage`] for a frozen extractor of another mode than the settings'.
     pub fn prepare_with(subject: Subject<'a>, config: EmbedConfig, start: Start<'_>) -> Result<Self, EngineError> {
-        config.validate(subject.key.bits())?;
+        config.validate()?;
         let Subject { device, clip, key, model, message } = subject;
         let mut seconds = BTreeMap::new();
         let started = Instant::now();
