@@ -124,9 +124,9 @@ impl TmsdWeights {
         })?;
         config.validate()?;
         let layers = config.channels().into_iter().enumerate().map(|(i, (inputs, outputs))| {
-            Ok(file.floats(&format!("tmsd.{i}.weight"), &[outputs, inputs, 3, 3, 3])?.to_vec())
+            Ok(file.finite(&format!("tmsd.{i}.weight"), &[outputs, inputs, 3, 3, 3])?.to_vec())
         });
-        let map = file.floats("tmsd.colour_map", &[RGB, RGB])?;
+        let map = file.finite("tmsd.colour_map", &[RGB, RGB])?;
         let colour_map = std::array::from_fn(|i| std::array::from_fn(|j| map[i * RGB + j]));
         Ok(Some(Self { config, colour_map, layers: layers.collect::<Result<_, EngineError>>()? }))
     }

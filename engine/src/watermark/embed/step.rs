@@ -10,6 +10,7 @@ use guard4d_kernels::loss::pixel::{self, PixelWeights};
 use guard4d_kernels::loss::ssim::{self, SsimPair, SsimScratch};
 use guard4d_kernels::loss::sum::SumScratch;
 use guard4d_kernels::loss::{PixelPair, Term};
+use guard4d_kernels::nn::axpy;
 use guard4d_kernels::optim::adam::{self, AdamConfig, AdamState, Tail};
 use guard4d_kernels::shape::Accumulate;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
@@ -161,6 +162,7 @@ pub(super) struct Critic {
     objective: Objective,
     values: Buffer<f32>,
     branches: Vec<Branch>,
+    scratch_logits: Buffer<f32>,
     sums: SumScratch,
     similarity: SsimScratch,
 }
@@ -195,6 +197,7 @@ impl Critic {
             target: device.buffer_from("critic.target", &bits)?,
             values: device.buffer("critic.values", NUM_VALUES)?,
             branches: (0..branches).map(|_| branch()).collect::<Result<_, _>>()?,
+            scratch_logits: device.buffer("critic.scratch_logits", CLIP_FRAMES * bits.len())?,
             sums: SumScratch::new(device, CLIP_FRAMES * size.height * size.width)?,
             similarity: SsimScratch::new(device, size, CLIP_FRAMES)?,
             objective: match config.margin {
@@ -283,20 +286,34 @@ impl Critic {
         self.decoder.forward(rec, self.features.features(), &mut self.pass)
     }
 
+    /// Message loss on what sets the marked clip's logits apart from the control's, and the control loss.
+    ///
+    /// A message loss on the marked logits alone is cheapest to lower by an R that says the message whatever it
+    /// sees; here such an R gains nothing.
     fn message_losses(&mut self, rec: &mut Recorder, config: &EmbedConfig) -> Result<(), KernelError> {
         let bits = self.target.len();
         let groups = Groups { groups: 1, rows: CLIP_FRAMES, bits };
         let len = CLIP_FRAMES * bits;
         for (i, branch) in self.branches.iter_mut().enumerate() {
+            rec.copy(&self.pass.logits, i * len, &mut branch.logits, 0, len)?;
+        }
+        if let [marked, control] = self.branches.as_mut_slice() {
+            rec.copy(&marked.logits, 0, &mut self.scratch_logits, 0, len)?;
+            axpy::forward(rec, -1.0, &self.scratch_logits, &control.logits, &mut marked.logits)?;
+        }
+        for (i, branch) in self.branches.iter_mut().enumerate() {
             let (objective, weight) = match i {
                 0 => (self.objective, config.lambda_msg),
                 _ => (config.control.objective(), config.lambda_msg * config.lambda_control),
             };
-            rec.copy(&self.pass.logits, i * len, &mut branch.logits, 0, len)?;
             bce::forward(rec, objective, groups, (&branch.logits, &self.target), &mut branch.value)?;
             let inputs = (&branch.logits, &self.target, &branch.value);
             bce::backward(rec, (objective, weight), groups, inputs, &mut branch.v_logits)?;
             rec.copy(&branch.v_logits, 0, &mut self.pass.v_logits, i * len, len)?;
+        }
+        if let [marked, control] = self.branches.as_slice() {
+            axpy::forward(rec, -1.0, &control.v_logits, &marked.v_logits, &mut self.scratch_logits)?;
+            rec.copy(&self.scratch_logits, 0, &mut self.pass.v_logits, len, len)?;
         }
         Ok(())
     }
