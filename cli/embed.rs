@@ -122,7 +122,7 @@ fn config(args: &EmbedArgs) -> EmbedConfig {
         config.responses = responses as usize;
     }
     if let Some(target) = args.target_psnr {
-        config.target_psnr = target;
+        config = config.with_target(target);
     }
     config
 }

@@ -15,6 +15,7 @@ use guard4d_engine::watermark::delivery::{EXTRACTOR, MARKED, PRIVATE, RECEIPT, U
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, StepReport};
 use guard4d_engine::watermark::evidence::{ExtractorMode, PStatement};
 use guard4d_engine::watermark::receipt::Receipt;
+use guard4d_engine::watermark::tmsd::TmsdConfig;
 use guard4d_engine::watermark::undo;
 use guard4d_engine::watermark::verify::{Case, Exhibits, clean_clips};
 
@@ -165,6 +166,9 @@ fn offsets_on_all_coefficients_move_resume_deliver_and_can_be_undone() {
 fn impossible_weights_and_rates_are_refused() {
     let fine = EmbedConfig::new(Profile::Draft, ExtractorMode::Joint);
     fine.validate().expect("the profile is possible");
+    let untrainable = EmbedConfig { tmsd: TmsdConfig::colour_map_only(), ..fine.clone() };
+    let error = untrainable.validate().expect_err("joint trains the network").to_string();
+    assert!(error.contains("TMSD depth"), "{error}");
     for bad in [-1.0, f32::NAN, f32::INFINITY] {
         for (name, config) in [
             ("lambda_msg", EmbedConfig { lambda_msg: bad, ..fine.clone() }),

@@ -185,12 +185,11 @@ fn stranger(args: &Args, seed: u8) -> u8 {
 }
 
 fn config(args: &Args, case: Case) -> EmbedConfig {
-    let profile = EmbedConfig::new(args.profile.profile(), case.mode);
+    let profile = EmbedConfig::new(args.profile.profile(), case.mode).with_target(case.target_psnr);
     EmbedConfig {
         steps: args.steps.unwrap_or(profile.steps),
         size_px: (args.size, args.size),
         seed: u64::from(case.seed),
-        target_psnr: case.target_psnr,
         ..profile
     }
 }

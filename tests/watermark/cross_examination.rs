@@ -9,13 +9,16 @@ use guard4d_engine::watermark::evidence::{ExtractorMode, PStatement};
 use guard4d_engine::watermark::message::Message;
 use guard4d_engine::watermark::null_panel::{ControlKind, ControlState};
 use guard4d_engine::watermark::reading::Reading;
+use guard4d_engine::watermark::tmsd::TmsdConfig;
 
 use crate::support::gpu::{Gpu, device};
 use crate::support::owner::{BITS, Owner, cameras};
 
 fn joint(owner: &Owner) -> EmbedConfig {
     // Every loss, so that every kernel of a step runs.
-    EmbedConfig { mode: ExtractorMode::Joint, steps: 2, lambda_recon: 1.0, lambda_offset: 1.0, ..owner.config.clone() }
+    let tmsd = TmsdConfig::default();
+    let config = owner.config.clone();
+    EmbedConfig { mode: ExtractorMode::Joint, tmsd, steps: 2, lambda_recon: 1.0, lambda_offset: 1.0, ..config }
 }
 
 fn run(mut embedding: Embedding<'_>) -> Embedded {
@@ -50,7 +53,9 @@ fn a_frozen_extractor_stays_as_it_is_and_reads_the_second_copy() {
     let first = run(embedding);
     assert_parts(&first);
     assert!(fitted.tmsd != first.extractor.tmsd, "joint trains R");
-    assert_eq!(fitted.calibration, first.extractor.calibration);
+    let (before, after) = (&fitted.calibration, &first.extractor.calibration);
+    assert_eq!((&before.directions, &before.mean_image), (&after.directions, &after.mean_image));
+    assert!(before.mean_logits != after.mean_logits, "R has moved the zero");
 
     let message = swap_message(&owner.message, &owner.key);
     assert_eq!(owner.message.hamming(&message).expect("equal lengths"), BITS / 2);

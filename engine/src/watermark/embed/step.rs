@@ -97,12 +97,7 @@ impl Stage {
     }
 
     /// The noisy control at CLIP's size, rounded before it is resized, in `self.noisy_resized`.
-    pub(super) fn noisy(
-        &mut self,
-        rec: &mut Recorder,
-        clip: &TrainingClip,
-        noise: &Noise,
-    ) -> Result<(), KernelError> {
+    pub(super) fn noisy(&mut self, rec: &mut Recorder, clip: &TrainingClip, noise: &Noise) -> Result<(), KernelError> {
         // `v_raw` is free until the backward pass.
         noise::forward(rec, noise, &clip.reference, &mut self.v_raw)?;
         quantize::forward(rec, &self.v_raw, &mut self.noisy)?;
