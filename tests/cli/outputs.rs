@@ -75,7 +75,7 @@ fn a_full_disk_leaves_nothing_behind() {
         command.args(["--user", "--map-root-user", "--mount", "sh", "-c", script]).arg(&name).arg(&disk);
         let ran = command.arg(env!("CARGO_BIN_EXE_guard4d")).args(&args).env("NO_COLOR", "1").output();
         let Some(output) = ran.ok().filter(|o| o.status.code().is_some_and(|c| c != 99 && c != 1)) else {
-            eprintln!("SKIPPED: this user may not mount a small file system");
+            crate::support::skipped("this user may not mount a small file system");
             return;
         };
         let stderr = String::from_utf8_lossy(&output.stderr);
