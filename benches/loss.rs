@@ -2,9 +2,10 @@
 
 use guard4d_kernels::image::resize::ImageSize;
 use guard4d_kernels::loss::bce::{self, Groups, Objective};
-use guard4d_kernels::loss::ssim::{self, SsimReference, SsimScratch};
+use guard4d_kernels::loss::pixel::{self, PixelWeights};
+use guard4d_kernels::loss::ssim::{self, SsimPair, SsimReference, SsimScratch};
 use guard4d_kernels::loss::sum::SumScratch;
-use guard4d_kernels::loss::{PixelPair, Term, l1};
+use guard4d_kernels::loss::{PixelPair, Term};
 use guard4d_kernels::shape::Accumulate;
 
 use crate::Outcome;
@@ -18,32 +19,28 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
     let size = ImageSize { height: SIDE, width: SIDE };
     let clip = bench.data("clip", 4 * PIXELS)?;
     let reference = bench.device.buffer("reference", 4 * PIXELS)?;
+    let weights = PixelWeights { square: 1.0, absolute: 1.0 };
     let mut v_clip = bench.device.buffer("v_clip", 4 * PIXELS)?;
-    let mut values = bench.device.buffer("values", 1)?;
+    let mut values = bench.device.buffer("values", pixel::VALUES)?;
     let mut sums = SumScratch::new(&bench.device, PIXELS)?;
     let label = format!("{FRAMES}x{SIDE}x{SIDE}");
     let accumulate = Accumulate::Overwrite;
-    bench.passes(&format!("loss/l1 {label}"), Work::Bytes((48 * PIXELS) as f64, "3·16·F·H·W"), |rec| {
+    bench.passes(&format!("loss/pixel {label}"), Work::Bytes((48 * PIXELS) as f64, "3·16·F·H·W"), |rec| {
         let pair = PixelPair { image: &clip, image_px: 0, reference: &reference, reference_px: 0, num_px: PIXELS };
-        l1::step(rec, &pair, &mut v_clip, Term { values: &mut values, slot: 0, weight: 1.0, accumulate }, &mut sums)
+        let term = Term { values: &mut values, slot: 0, weight: 1.0, accumulate };
+        pixel::step(rec, (&pair, weights), &mut v_clip, term, &mut sums)
     })?;
 
     let mut scratch = SsimScratch::new(&bench.device, size, FRAMES)?;
-    let mut references = Vec::new();
-    for _ in 0..FRAMES {
-        let frame = bench.data("reference", 4 * SIDE * SIDE)?;
-        references.push(SsimReference::new(&bench.device, size, frame)?);
-    }
+    let mut moments = SsimReference::new(&bench.device, size, FRAMES)?;
     let mut rec = bench.device.recorder()?;
-    for reference in &mut references {
-        ssim::prepare(&mut rec, reference, &mut scratch)?;
-    }
+    ssim::prepare(&mut rec, &reference, &mut moments, &mut scratch)?;
     rec.submit()?;
-    let references: Vec<_> = references.iter().collect();
+    let pair = SsimPair { clip: &clip, reference: &reference, moments: &moments };
     let work = Work::Bytes((80 * PIXELS) as f64, "5·16·F·H·W");
     bench.passes(&format!("loss/ssim {label}"), work, |rec| {
         let term = Term { values: &mut values, slot: 0, weight: 1.0, accumulate };
-        ssim::step(rec, (&clip, &references), &mut v_clip, term, &mut scratch)
+        ssim::step(rec, &pair, &mut v_clip, term, &mut scratch)
     })?;
 
     let groups = Groups { groups: 3, rows: FRAMES, bits: 48 };

@@ -31,10 +31,11 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
         Ok(binner.build(&view(&camera), state.raw(), splats, Prune::Remove)?.1.total())
     })?;
 
-    let offsets = bench.device.buffer("offsets", 48 * splats)?;
-    let mut v_offsets = bench.device.buffer("v_offsets", 48 * splats)?;
+    let bases = OffsetBases::Dc;
+    let offsets = bench.device.buffer("offsets", bases.floats() * splats)?;
+    let mut v_offsets = bench.device.buffer("v_offsets", offsets.len())?;
     let mut frame = bench.device.buffer("frame", plan.frame_len())?;
-    let offsets = Offsets { data: &offsets, bases: OffsetBases::Dc };
+    let offsets = Offsets { data: &offsets, bases };
     let device = bench.device.clone();
     let work = Work::Bytes((52 * pairs + 16 * pixels) as f64, "52·I + 16·H·W");
     bench.samples(&format!("splat/forward {label}"), work, || {

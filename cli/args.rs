@@ -139,6 +139,14 @@ pub(crate) enum ExtractorArg {
     Joint,
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum BasesArg {
+    /// The base colour alone: survives formats that drop the rest
+    Dc,
+    /// Every coefficient of the model's degree: the mark then also turns with the view
+    All,
+}
+
 #[derive(Args, Debug)]
 pub(crate) struct EmbedArgs {
     /// 4DGaussians model folder or static INRIA PLY; with --undo the marked one
@@ -169,6 +177,9 @@ pub(crate) struct EmbedArgs {
     /// Fidelity to hold, in dB over whole frames, instead of the profile's
     #[arg(long)]
     pub(crate) target_psnr: Option<f32>,
+    /// SH coefficients to write into
+    #[arg(long, value_enum, default_value = "dc")]
+    pub(crate) bases: BasesArg,
     /// Seed of cameras and noise
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,

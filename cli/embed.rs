@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use guard4d_engine::EngineError;
 use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::output::{AtomicDir, Existing};
+use guard4d_engine::render::OffsetBases;
 use guard4d_engine::scene::Model;
 use guard4d_engine::watermark::delivery::{self, Delivery};
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, Subject};
@@ -16,7 +17,7 @@ use guard4d_engine::watermark::message::Payload;
 use guard4d_engine::watermark::undo;
 use guard4d_kernels::Device;
 
-use crate::args::{Common, EmbedArgs, ExtractorArg, ProfileArg};
+use crate::args::{BasesArg, Common, EmbedArgs, ExtractorArg, ProfileArg};
 use crate::progress::bar;
 use crate::report::{Outcome, evaluation_rows, print, table};
 use crate::views::cameras;
@@ -71,6 +72,10 @@ fn config(args: &EmbedArgs) -> EmbedConfig {
     };
     let mut config = EmbedConfig { seed: args.seed, size_px: args.views.size, ..EmbedConfig::new(profile, mode) };
     config.radius = f64::from(args.views.radius);
+    config.bases = match args.bases {
+        BasesArg::Dc => OffsetBases::Dc,
+        BasesArg::All => OffsetBases::All,
+    };
     config.fov_deg = f64::from(args.views.fov);
     if let Some(steps) = args.steps {
         config.steps = steps as usize;

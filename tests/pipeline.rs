@@ -8,10 +8,11 @@ use guard4d_engine::EngineError;
 use guard4d_engine::media::encode::{EncodeOptions, write_mp4};
 use guard4d_engine::media::{Frame, ReadOptions};
 use guard4d_engine::output::Existing;
+use guard4d_engine::render::OffsetBases;
 use guard4d_engine::scene::Model;
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::delivery::{EXTRACTOR, MARKED, PRIVATE, RECEIPT, UNDO};
-use guard4d_engine::watermark::embed::Embedded;
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, StepReport};
 use guard4d_engine::watermark::evidence::PStatement;
 use guard4d_engine::watermark::receipt::Receipt;
 use guard4d_engine::watermark::undo;
@@ -120,6 +121,84 @@ fn the_same_seed_gives_the_same_bytes_with_or_without_a_break() {
     assert!(first.sh_coeffs != owner.model.gaussians.sh_coeffs, "something was written");
     assert_same(&owner, &first, &embed(&gpu, &owner, None), "a second run");
     assert_same(&owner, &first, &resume(&gpu, &owner, &checkpoint), "a resumed run");
+    assert_eq!(moved(&owner, &first)[1], 0, "no coefficient above DC moves by a bit");
+}
+
+/// Coefficients of an embedding whose bits differ from the original's: DC terms, others.
+fn moved(owner: &Owner, embedded: &Embedded) -> [usize; 2] {
+    let mut moved = [0; 2];
+    for (i, (h, m)) in owner.model.gaussians.sh_coeffs.iter().zip(&embedded.sh_coeffs).enumerate() {
+        moved[usize::from(i % 48 >= 3)] += usize::from(h.to_bits() != m.to_bits());
+    }
+    moved
+}
+
+#[test]
+fn offsets_on_all_coefficients_move_resume_deliver_and_can_be_undone() {
+    let Some(gpu) = device() else { return };
+    let mut owner = Owner::new(&gpu);
+    owner.config.bases = OffsetBases::All;
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    let checkpoint = folder.path().join("checkpoint.safetensors");
+    let embedded = embed(&gpu, &owner, Some(&checkpoint));
+    assert_same(&owner, &embedded, &resume(&gpu, &owner, &checkpoint), "a resumed run");
+    let [dc, rest] = moved(&owner, &embedded);
+    assert!(dc > 0 && rest > dc, "both groups move: {dc} and {rest}");
+    let exist = 3 * (owner.model.gaussians.sh_degree + 1).pow(2) as usize;
+    assert!(embedded.sh_coeffs.chunks(48).all(|row| row[exist..].iter().all(|v| *v == 0.0)), "none above the degree");
+
+    let out = folder.path().join("out");
+    owner.deliver(&gpu, &embedded, &out);
+    let (original, marked) = (bytes(&owner.scene.path().join(PLY)), bytes(&out.join(MARKED).join(PLY)));
+    assert_only_colour_changed(&original, &marked);
+    let delivered = Model::open(&out.join(MARKED)).expect("the marked model opens");
+    assert!(delivered.gaussians.sh_coeffs == embedded.sh_coeffs, "every coefficient is written");
+    let receipt = Receipt::read(&out.join(PRIVATE).join(RECEIPT)).expect("the receipt reads");
+    assert_eq!(receipt.body.settings["embed"]["bases"], "all", "the receipt names the coefficients");
+    let restored = folder.path().join("restored");
+    let undo_file = out.join(PRIVATE).join(UNDO);
+    undo::restore(&out.join(MARKED), &undo_file, &restored, Existing::Refuse).expect("restores");
+    assert!(bytes(&restored.join(PLY)) == original, "the original, byte for byte");
+}
+
+/// What every step of an embedding reports.
+fn reports(gpu: &Gpu, owner: &Owner, config: EmbedConfig) -> Vec<StepReport> {
+    let mut embedding = Embedding::prepare(owner.subject(gpu), config).expect("prepares");
+    std::iter::from_fn(|| embedding.step().expect("steps")).collect()
+}
+
+#[test]
+fn the_papers_weights_train_and_ssim_reaches_the_offsets() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    // One clip, and a hold that never binds: what is left is the paper's weighted sum.
+    let paper = EmbedConfig {
+        steps: 8,
+        views: 1,
+        bases: OffsetBases::All,
+        lr_dc: 5e-3,
+        margin: 0.0,
+        target_psnr: 20.0,
+        start_psnr: 20.0,
+        lambda_msg: 0.03,
+        lambda_recon: 1.0,
+        lambda_ssim: 0.2,
+        lambda_offset: 10.0,
+        ..owner.config.clone()
+    };
+    let trained = reports(&gpu, &owner, paper.clone());
+    let totals: Vec<f32> = trained.iter().map(|r| r.total).collect();
+    assert!(totals.iter().all(|t| t.is_finite()), "{totals:?}");
+    assert!(trained.iter().skip(1).all(|r| r.recon > 0.0 && r.offset > 0.0), "every loss is there: {trained:?}");
+    assert!(totals.iter().copied().fold(f32::INFINITY, f32::min) < totals[0], "the sum falls: {totals:?}");
+
+    // SSIM alone against the message: the more it weighs, the less the picture changes.
+    let ssim = |lambda_recon| {
+        let config = EmbedConfig { lambda_recon, lambda_ssim: 1.0, lambda_offset: 0.0, ..paper.clone() };
+        reports(&gpu, &owner, config).pop().expect("a last step").recon
+    };
+    let (free, held) = (ssim(1e-6), ssim(100.0));
+    assert!(held < 0.5 * free, "1 - SSIM: {held} with its weight, {free} next to none");
 }
 
 #[test]

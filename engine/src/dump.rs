@@ -6,7 +6,7 @@ use std::path::Path;
 
 use guard4d_kernels::image::resize::ImageSize as PixelSize;
 use guard4d_kernels::loss::Term;
-use guard4d_kernels::loss::ssim::{self, SsimReference, SsimScratch};
+use guard4d_kernels::loss::ssim::{self, SsimPair, SsimReference, SsimScratch};
 use guard4d_kernels::nn::conv3d::{
     self, Activation, Bias, Conv3d, Conv3dScratch, InputGradient, Padding, WeightGradient,
 };
@@ -324,22 +324,20 @@ pub fn ssim(device: &Device, input: &TensorFile) -> Result<TensorFile, EngineErr
     }
     let size = PixelSize { height, width };
     let mut scratch = SsimScratch::new(device, size, frames)?;
-    let mut references = Vec::with_capacity(frames);
-    let mut rec = device.recorder()?;
-    for frame in widen(y, channels, TEXEL).chunks(height * width * TEXEL) {
-        let mut reference = SsimReference::new(device, size, device.buffer_from("dump.reference", frame)?)?;
-        ssim::prepare(&mut rec, &mut reference, &mut scratch)?;
-        references.push(reference);
-    }
+    let mut moments = SsimReference::new(device, size, frames)?;
+    let reference = device.buffer_from("dump.reference", &widen(y, channels, TEXEL))?;
     let clip = device.buffer_from("dump.clip", &widen(x, channels, TEXEL))?;
     let mut v_clip = device.buffer("dump.v_clip", clip.len())?;
     let mut values = device.buffer("dump.values", 1)?;
-    let term = Term { values: &mut values, slot: 0, weight: 1.0, accumulate: Accumulate::Overwrite };
-    let references: Vec<_> = references.iter().collect();
-    ssim::step(&mut rec, (&clip, &references), &mut v_clip, term, &mut scratch)?;
+    // The kernel's value is 1 − SSIM.
+    let term = Term { values: &mut values, slot: 0, weight: -1.0, accumulate: Accumulate::Overwrite };
+    let mut rec = device.recorder()?;
+    ssim::prepare(&mut rec, &reference, &mut moments, &mut scratch)?;
+    let pair = SsimPair { clip: &clip, reference: &reference, moments: &moments };
+    ssim::step(&mut rec, &pair, &mut v_clip, term, &mut scratch)?;
     rec.submit()?;
     let mut out = TensorFile::default();
-    put(&mut out, "value", &[1], values.read()?);
+    put(&mut out, "value", &[1], values.read()?.iter().map(|v| 1.0 - v).collect());
     put(&mut out, "v_x", &shape, columns(&v_clip.read()?, TEXEL, 0..channels));
     Ok(out)
 }

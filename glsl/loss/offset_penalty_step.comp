@@ -1,18 +1,18 @@
 #version 460
 // loss/offset_penalty_step: weighted means of squared SH offsets, DC apart from the rest, and their gradient.
-//   in   offsets [N,16,3] = n texels   v_before: v_offsets as texels
-//   out  v_offsets [N,16,3] (=), or (+=) with ACCUMULATE   partial [groups * 8] (=)
+//   in   offsets, N rows of OFFSET_TEXELS = n texels   v_before: v_offsets as texels
+//   out  v_offsets like offsets (=), or (+=) with ACCUMULATE   partial [groups * 8] (=)
 //   twin kernels/src/reference/loss/offset_penalty.rs   dc, rest: weight of one square; groups: 64 * TEXELS each
 #extension GL_KHR_shader_subgroup_shuffle : require
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint ACCUMULATE = 0;
 layout(constant_id = 1) const uint TEXELS = 16;
+layout(constant_id = 2) const uint OFFSET_TEXELS = 12;
 layout(push_constant) uniform Params { uint n; float dc, rest, weight; } p;
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer offsets;
 layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer v_before;
 layout(set = 0, binding = 2) writeonly buffer VOffsets { vec4 v_offsets[]; };
 layout(set = 0, binding = 3) writeonly buffer Partial { float partial[]; };
-const uint TEXELS_PER_SPLAT = 12;
 
 void main() {
     uint lane = gl_LocalInvocationID.x;
@@ -22,7 +22,7 @@ void main() {
     do {
         if (i < p.n) {
             vec4 d = imageLoad(offsets, int(i));
-            vec4 share = i % TEXELS_PER_SPLAT == 0 ? vec4(vec3(p.dc), p.rest) : vec4(p.rest);
+            vec4 share = i % OFFSET_TEXELS == 0 ? vec4(vec3(p.dc), p.rest) : vec4(p.rest);
             sum += share * d * d;
             vec4 v = 2.0 * p.weight * share * d;
             if (ACCUMULATE != 0) v += imageLoad(v_before, int(i));

@@ -1,14 +1,14 @@
 #version 460
-// loss/ssim_bwd: gradient of the mean SSIM to x; horizontal window over the slopes. One invocation per run of a row.
-//   in   rows [H,W,3,4] from loss/ssim_columns   x [.,4] from x_px on   y [.,4] from y_px on   v_before: v_x as texels
-//   out  v_x [.,4] at x_px (=), or (+=) with ACCUMULATE; fourth channel 0
+// loss/ssim_bwd: gradient of the mean 1 - SSIM to x; horizontal window over the slopes. One invocation per run of a row.
+//   in   rows [H,W,3,4] from loss/ssim_columns   x y [.,4] from first_px on   v_before: v_x as texels
+//   out  v_x [.,4] at first_px (=), or (+=) with ACCUMULATE; fourth channel 0
 //   twin kernels/src/reference/loss/ssim.rs
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/grid.glsl"
 #include "lib/ssim.glsl"
 layout(local_size_x = 64) in;
 layout(constant_id = 7) const uint ACCUMULATE = 0;
-layout(push_constant) uniform Params { int height, width, x_px, y_px; float scale; } p;
+layout(push_constant) uniform Params { int height, width, first_px; float scale; } p;
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer rows;
 layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer x;
 layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer y;
@@ -34,11 +34,13 @@ void main() {
     }
     [[unroll]] for (int r = 0; r < RUN; r++) {
         if (column + r < p.width) {
-            int at = row + column + r;
-            vec3 v = window(by_mean, r) + imageLoad(y, p.y_px + at).rgb * window(by_product, r);
-            v = p.scale * (v + 2.0 * imageLoad(x, p.x_px + at).rgb * window(by_square, r));
-            if (ACCUMULATE != 0) v += imageLoad(v_before, p.x_px + at).rgb;
-            v_x[p.x_px + at] = vec4(v, 0.0);
+            int at = p.first_px + row + column + r;
+            vec3 other = imageLoad(y, at).rgb;
+            vec3 d = imageLoad(x, at).rgb - other;
+            vec3 v = window(by_mean, r) + other * window(by_product, r);
+            v = p.scale * (v + 2.0 * d * window(by_square, r));
+            if (ACCUMULATE != 0) v += imageLoad(v_before, at).rgb;
+            v_x[at] = vec4(v, 0.0);
         }
     }
 }

@@ -1,13 +1,15 @@
 #version 460
-// loss/ssim_fwd: SSIM and its derivatives by the three windowed moments of x. One invocation per run of a column.
-//   in   rows [H,W,3,4] of (x, y)   moments [H,W,2,4] of y
-//   out  slopes [H,W,3,4] (=): dS/dmean(x), dS/dmean(x^2), dS/dmean(xy)   partial [.] from first_partial on (=)
-//   twin kernels/src/reference/loss/ssim.rs   Wang et al. 2004, eq. 13; groups: x = 64 columns, y = runs of rows
+// loss/ssim_fwd: 1 - SSIM and its slopes by the windowed means of d, d^2, d*y. One invocation per run of a column.
+//   in   rows [H,W,3,4] of (x, y)   moments [.,2,4] of y from first_px on
+//   out  slopes [H,W,3,4] (=)   partial [.] from first_partial on (=): sums of 1 - SSIM
+//   twin kernels/src/reference/loss/ssim.rs   groups: x = 64 columns, y = runs of rows
+//   Wang et al. 2004, eq. 13 is (1 - l)(1 - s) with l = mean(d)^2 / (mean(x)^2 + mean(y)^2 + C1) and
+//   s = var(d) / (var(x) + var(y) + C2): nothing cancels where x is near y
 #extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/ssim.glsl"
 layout(local_size_x = 64) in;
-layout(push_constant) uniform Params { int height, width; uint first_partial; float c1, c2; } p;
+layout(push_constant) uniform Params { int height, width, first_px; uint first_partial; float c1, c2; } p;
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer rows;
 layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer moments;
 layout(set = 0, binding = 2) writeonly buffer Slopes { vec4 slopes[]; };
@@ -31,18 +33,22 @@ void main() {
     [[unroll]] for (int r = 0; r < RUN; r++) {
         if (column < p.width && row + r < p.height) {
             int at = (row + r) * p.width + column;
-            vec3 mx = window(a, r);
-            vec3 my = imageLoad(moments, at * 2).rgb;
-            vec3 n1 = 2.0 * mx * my + p.c1;
-            vec3 n2 = 2.0 * (window(ab, r) - mx * my) + p.c2;
+            vec3 md = window(a, r);
+            vec3 my = imageLoad(moments, (p.first_px + at) * 2).rgb;
+            vec3 mx = my + md;
+            vec3 var_d = window(aa, r) - md * md;
+            vec3 cov = window(ab, r) - md * my;
             vec3 inv1 = 1.0 / (mx * mx + my * my + p.c1);
-            vec3 inv2 = 1.0 / (window(aa, r) - mx * mx + imageLoad(moments, at * 2 + 1).rgb + p.c2);
-            vec3 ssim = n1 * n2 * inv1 * inv2;
-            total += ssim;
-            vec3 by_mean = 2.0 * my * (n2 - n1) * inv1 * inv2 + 2.0 * mx * ssim * (inv2 - inv1);
+            vec3 inv2 = 1.0 / (2.0 * (imageLoad(moments, (p.first_px + at) * 2 + 1).rgb + cov) + var_d + p.c2);
+            vec3 l = md * md * inv1;
+            vec3 s = var_d * inv2;
+            total += l + s - l * s;
+            vec3 by_square = (1.0 - l) * (1.0 - s) * inv2;
+            vec3 by_product = -2.0 * s * (1.0 - l) * inv2;
+            vec3 by_mean = 2.0 * (1.0 - s) * (md - l * mx) * inv1 - 2.0 * md * by_square - my * by_product;
             slopes[at * 3] = vec4(by_mean, 0.0);
-            slopes[at * 3 + 1] = vec4(-ssim * inv2, 0.0);
-            slopes[at * 3 + 2] = vec4(2.0 * n1 * inv1 * inv2, 0.0);
+            slopes[at * 3 + 1] = vec4(by_square, 0.0);
+            slopes[at * 3 + 2] = vec4(by_product, 0.0);
         }
     }
     float sum = total.r + total.g + total.b;

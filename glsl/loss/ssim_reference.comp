@@ -1,12 +1,12 @@
 #version 460
 // loss/ssim_reference: mean and variance of the reference from its loss/ssim_rows. One invocation per run of a column.
 //   in   rows [H,W,3,4]
-//   out  moments [H,W,2,4] (=): mean, variance
+//   out  moments [.,2,4] from first_px on (=): mean, variance
 //   twin kernels/src/reference/loss/ssim.rs   groups: x = 64 columns, y = runs of rows
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/ssim.glsl"
 layout(local_size_x = 64) in;
-layout(push_constant) uniform Params { int height, width; } p;
+layout(push_constant) uniform Params { int height, width, first_px; } p;
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer rows;
 layout(set = 0, binding = 1) writeonly buffer Moments { vec4 moments[]; };
 
@@ -24,7 +24,7 @@ void main() {
     }
     [[unroll]] for (int r = 0; r < RUN; r++) {
         if (column < p.width && row + r < p.height) {
-            int at = ((row + r) * p.width + column) * 2;
+            int at = (p.first_px + (row + r) * p.width + column) * 2;
             vec3 mean = window(a, r);
             moments[at] = vec4(mean, 0.0);
             moments[at + 1] = vec4(window(aa, r) - mean * mean, 0.0);

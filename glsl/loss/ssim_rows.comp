@@ -1,13 +1,15 @@
 #version 460
-// loss/ssim_rows: horizontal window over x, x^2 and x*y. One invocation per run of pixels of a row.
-//   in   x [.,4] from x_px on   y [.,4] from y_px on: H*W pixels each
+// loss/ssim_rows: horizontal window over d, d^2 and d*y of d = x - y, or d = x with REFERENCE. One invocation per run
+// of pixels of a row.
+//   in   x y [.,4], H*W pixels from first_px on
 //   out  rows [H,W,3,4] (=)
 //   twin kernels/src/reference/loss/ssim.rs
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/grid.glsl"
 #include "lib/ssim.glsl"
 layout(local_size_x = 64) in;
-layout(push_constant) uniform Params { int height, width, x_px, y_px; } p;
+layout(constant_id = 7) const uint REFERENCE = 0;
+layout(push_constant) uniform Params { int height, width, first_px; } p;
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x;
 layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer y;
 layout(set = 0, binding = 2) writeonly buffer Rows { vec4 rows[]; };
@@ -24,10 +26,13 @@ void main() {
     [[unroll]] for (int k = 0; k < RUN + 10; k++) {
         int c = column + k - 5;
         bvec3 inside = bvec3(c >= 0 && c < p.width);
-        int at = row + clamp(c, 0, p.width - 1);
-        a[k] = mix(vec3(0.0), imageLoad(x, p.x_px + at).rgb, inside);
+        int at = p.first_px + row + clamp(c, 0, p.width - 1);
+        vec3 other = imageLoad(y, at).rgb;
+        vec3 d = imageLoad(x, at).rgb;
+        if (REFERENCE == 0) d -= other;
+        a[k] = mix(vec3(0.0), d, inside);
         aa[k] = a[k] * a[k];
-        ab[k] = a[k] * mix(vec3(0.0), imageLoad(y, p.y_px + at).rgb, inside);
+        ab[k] = a[k] * mix(vec3(0.0), other, inside);
     }
     [[unroll]] for (int r = 0; r < RUN; r++) {
         if (column + r < p.width) {

@@ -1,10 +1,10 @@
 #version 460
-// loss/sum_finish: values[slot] = scale * sum of partial, in a fixed order. One workgroup.
-//   in   partial [n]
+// loss/sum_finish: values[slot] = scale * sum of n elements of partial, in a fixed order. One workgroup.
+//   in   partial [.], from first on
 //   out  values [.], one element (=)
 //   twin kernels/src/reference/loss/sum.rs
 layout(local_size_x = 64) in;
-layout(push_constant) uniform Params { uint n, slot; float scale; } p;
+layout(push_constant) uniform Params { uint first, n, slot; float scale; } p;
 layout(set = 0, binding = 0) readonly buffer Partial { float partial[]; };
 layout(set = 0, binding = 1) buffer Values { float values[]; };
 shared float lanes[64];
@@ -15,7 +15,7 @@ void main() {
     uint i = lane;
     uint rounds = (p.n + 63) / 64;
     while (rounds > 0) {
-        if (i < p.n) sum += partial[i];
+        if (i < p.n) sum += partial[p.first + i];
         i += 64;
         rounds--;
     }

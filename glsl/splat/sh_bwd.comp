@@ -1,8 +1,9 @@
 #version 460
 // splat/sh_bwd: gradient of the offsets from the gradient of the colours. One invocation per visible splat.
-//   in   sh_coeffs, offsets [N,16,3]   dirs [V,4]   splat_from_visible [V]   v_colours [V,4]   v_before: v_offsets as texels
-//   out  v_offsets [N,16,3] += Y_j(d) v_colour, per channel zero where the colour before the clamp is < 0
-//   OFFSET_BASES of each row are read and written: 1 (the DC term) or 16
+//   in   sh_coeffs [N,16,3]   offsets, N rows of OFFSET_TEXELS   dirs [V,4]   splat_from_visible [V]   v_colours [V,4]
+//   in   v_before: v_offsets as texels
+//   out  v_offsets like offsets += Y_j(d) v_colour, per channel zero where the colour before the clamp is < 0
+//   OFFSET_TEXELS: 1 (the DC term) or 12 (like sh_coeffs)
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
@@ -10,7 +11,7 @@
 #include "lib/sh_colour.glsl"
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint DEGREE = 3;
-layout(constant_id = 1) const uint OFFSET_BASES = 16;
+layout(constant_id = 1) const uint OFFSET_TEXELS = 12;
 layout(push_constant) uniform Params { uint num_visible; } p;
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer sh_coeffs;
 layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer offsets;
@@ -23,25 +24,27 @@ layout(set = 0, binding = 6) writeonly buffer VOffsets { vec4 v_offsets[]; };
 void main() {
     uint i = global_index();
     if (i >= p.num_visible) return;
-    uint row = 12u * splat_from_visible[i];
+    uint splat = splat_from_visible[i];
+    uint row = 12u * splat;
+    uint offset_row = OFFSET_TEXELS * splat;
     float y[16];
     sh_basis(imageLoad(dirs, int(i)).xyz, DEGREE, y);
     vec4 h[12];
     [[unroll]] for (int q = 0; q < 12; ++q) {
         h[q] = q < int(sh_texels(DEGREE)) ? imageLoad(sh_coeffs, int(row) + q) : vec4(0.0);
-        if (OFFSET_BASES == 16u && q < int(sh_texels(DEGREE))) h[q] += imageLoad(offsets, int(row) + q);
+        if (OFFSET_TEXELS == 12u && q < int(sh_texels(DEGREE))) h[q] += imageLoad(offsets, int(offset_row) + q);
     }
-    if (OFFSET_BASES == 1u) h[0].xyz += imageLoad(offsets, int(row)).xyz;
+    if (OFFSET_TEXELS == 1u) h[0].xyz += imageLoad(offsets, int(offset_row)).xyz;
     vec3 raw = sh_raw_colour(h, y);
     vec3 v = imageLoad(v_colours, int(i)).xyz;
     v = vec3(raw.x < 0.0 ? 0.0 : v.x, raw.y < 0.0 ? 0.0 : v.y, raw.z < 0.0 ? 0.0 : v.z);
-    if (OFFSET_BASES == 1u) {
-        v_offsets[row] = imageLoad(v_before, int(row)) + vec4(y[0] * v, 0.0);
+    if (OFFSET_TEXELS == 1u) {
+        v_offsets[offset_row] = imageLoad(v_before, int(offset_row)) + vec4(y[0] * v, 0.0);
     } else {
         [[unroll]] for (int q = 0; q < 12; ++q) {
             vec4 add;
             [[unroll]] for (int c = 0; c < 4; ++c) add[c] = y[(4 * q + c) / 3] * v[(4 * q + c) % 3];
-            if (q < int(sh_texels(DEGREE))) v_offsets[row + uint(q)] = imageLoad(v_before, int(row) + q) + add;
+            if (q < int(sh_texels(DEGREE))) v_offsets[offset_row + uint(q)] = imageLoad(v_before, int(offset_row) + q) + add;
         }
     }
 }

@@ -1,8 +1,8 @@
 #version 460
 // splat/sh_fwd: view-dependent colour of each visible splat, Kerbl et al. 2023. One invocation per visible splat.
-//   in   sh_coeffs, offsets [N,16,3]   dirs [V,4] unit   splat_from_visible [V]
+//   in   sh_coeffs [N,16,3]   offsets, N rows of OFFSET_TEXELS   dirs [V,4] unit   splat_from_visible [V]
 //   out  colours [V,4] = max(0, 1/2 + sum_j Y_j(d) (h_j + delta_j)), 4th channel 0 (=)
-//   OFFSET_BASES of each offset row are read: 0, 1 (the DC term) or 16
+//   OFFSET_TEXELS: 0, 1 (the DC term) or 12 (like sh_coeffs)
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
@@ -10,7 +10,7 @@
 #include "lib/sh_colour.glsl"
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint DEGREE = 3;
-layout(constant_id = 1) const uint OFFSET_BASES = 16;
+layout(constant_id = 1) const uint OFFSET_TEXELS = 12;
 layout(push_constant) uniform Params { uint num_visible; } p;
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer sh_coeffs;
 layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer offsets;
@@ -21,14 +21,16 @@ layout(set = 0, binding = 4) buffer Colours { vec4 colours[]; };
 void main() {
     uint i = global_index();
     if (i >= p.num_visible) return;
-    int row = int(12u * splat_from_visible[i]);
+    uint splat = splat_from_visible[i];
+    int row = int(12u * splat);
+    int offset_row = int(OFFSET_TEXELS * splat);
     float y[16];
     sh_basis(imageLoad(dirs, int(i)).xyz, DEGREE, y);
     vec4 h[12];
     [[unroll]] for (int q = 0; q < 12; ++q) {
         h[q] = q < int(sh_texels(DEGREE)) ? imageLoad(sh_coeffs, row + q) : vec4(0.0);
-        if (OFFSET_BASES == 16u && q < int(sh_texels(DEGREE))) h[q] += imageLoad(offsets, row + q);
+        if (OFFSET_TEXELS == 12u && q < int(sh_texels(DEGREE))) h[q] += imageLoad(offsets, offset_row + q);
     }
-    if (OFFSET_BASES == 1u) h[0].xyz += imageLoad(offsets, row).xyz;
+    if (OFFSET_TEXELS == 1u) h[0].xyz += imageLoad(offsets, offset_row).xyz;
     colours[i] = vec4(max(sh_raw_colour(h, y), vec3(0.0)), 0.0);
 }

@@ -59,6 +59,41 @@ impl Accumulate {
     }
 }
 
+/// Channels of a colour coefficient.
+const RGB: usize = 3;
+
+/// Which SH coefficients of a splat have offsets, and so how a row of offsets is laid out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OffsetBases {
+    /// The DC term alone: rows `[4]`, three channels and a zero.
+    Dc,
+    /// All coefficients up to the degree: rows `[16,3]` like the coefficients', zero above the degree.
+    All,
+}
+
+impl OffsetBases {
+    /// Coefficients that a row has room for.
+    #[must_use]
+    pub const fn count(self) -> usize {
+        match self {
+            Self::Dc => 1,
+            Self::All => 16,
+        }
+    }
+
+    /// Floats of a row, a whole number of texels.
+    #[must_use]
+    pub const fn floats(self) -> usize {
+        (RGB * self.count()).next_multiple_of(4)
+    }
+
+    /// The shaders' `OFFSET_TEXELS` constant.
+    #[must_use]
+    pub(crate) fn texels(self) -> u32 {
+        dim(self.floats() / 4)
+    }
+}
+
 /// Checks one buffer's length.
 ///
 /// # Errors

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use guard4d_engine::deform::DeformField;
 use guard4d_engine::render::{Frame, FramePlan, Offsets, Prune, Renderer};
 use guard4d_engine::scene::{CameraSet, ImageSize, Model};
-use guard4d_kernels::splat::sh::OffsetBases;
+use guard4d_kernels::shape::OffsetBases;
 
 use super::{image, psnr};
 use crate::support::gpu::{Gpu, device};
@@ -121,7 +121,7 @@ fn plans_report_memory_and_refuse_buffers_that_are_too_short() {
     let short = s.renderer.forward_clip(&mut rec, &s.plans[..1], None, [0.0; 3], &mut clip);
     assert!(short.is_err(), "a clip without room for the frame");
     let v_clip = gpu.buffer("v_clip", plan.frame_len()).expect("buffer");
-    let mut v_offsets = gpu.buffer("v_offsets", 48).expect("buffer");
+    let mut v_offsets = gpu.buffer("v_offsets", 4).expect("buffer");
     let offsets = Offsets { data: s.field.sh_coeffs(), bases: OffsetBases::Dc };
     let frame = Frame { clip: &v_clip, index: 0 };
     assert!(s.renderer.backward(&mut rec, plan, offsets, frame, &mut v_offsets).is_err(), "a short gradient");

@@ -12,8 +12,8 @@ use guard4d_kernels::splat::tile_bin::TileBinner;
 use guard4d_kernels::{Buffer, Device, Recorder};
 
 pub use film::Film;
+pub use guard4d_kernels::shape::OffsetBases;
 pub use guard4d_kernels::splat::rasterize::{Frame, FrameMut};
-pub use guard4d_kernels::splat::sh::OffsetBases;
 pub use guard4d_kernels::splat::tile_bin::Prune;
 pub use plan::FramePlan;
 
@@ -24,9 +24,9 @@ use crate::scene::Camera;
 /// Additive offsets on the SH coefficients.
 #[derive(Clone, Copy, Debug)]
 pub struct Offsets<'a> {
-    /// `[N,16,3]`
+    /// N rows.
     pub data: &'a Buffer<f32>,
-    /// Which of them exist.
+    /// Which coefficients have offsets, and so what a row is.
     pub bases: OffsetBases,
 }
 
@@ -126,8 +126,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Adds the gradient of one frame to `v_offsets` `[N,16,3]`; which colours are clamped is found anew
-    /// from `offsets`. The fourth channel of the frame is unread.
+    /// Adds the gradient of one frame to `v_offsets`, laid out like `offsets`; which colours are clamped is found
+    /// anew from them. The fourth channel of the frame is unread.
     ///
     /// # Errors
     /// [`guard4d_kernels::KernelError::Shape`] when a buffer is too short.

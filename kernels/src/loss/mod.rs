@@ -1,13 +1,12 @@
 //! Losses: value and gradient in one go. Values stay on the device, one slot per loss.
 
 pub mod bce;
-pub mod l1;
-pub mod mse;
 pub mod offset_penalty;
+pub mod pixel;
 pub mod ssim;
 pub mod sum;
 
-use crate::shape::{Accumulate, dim, expect_len};
+use crate::shape::{Accumulate, expect_len, require_len};
 use crate::{Buffer, KernelError};
 
 /// Where a loss leaves its value, and how its gradient enters the sum.
@@ -15,7 +14,7 @@ use crate::{Buffer, KernelError};
 pub struct Term<'a> {
     /// Values of all losses of a step; read once when they are wanted.
     pub values: &'a mut Buffer<f32>,
-    /// Element of `values` that this loss overwrites with its unweighted value.
+    /// Element of `values` that this loss overwrites with its unweighted value; the first, if it has several.
     pub slot: usize,
     /// Factor on the gradient.
     pub weight: f32,
@@ -24,16 +23,9 @@ pub struct Term<'a> {
 }
 
 impl Term<'_> {
-    fn slot(&self, kernel: &'static str) -> Result<u32, KernelError> {
-        if self.slot < self.values.len() {
-            return Ok(dim(self.slot));
-        }
-        Err(KernelError::Shape {
-            kernel,
-            buffer: "values",
-            got: format!("[{}]", self.values.len()),
-            expected: format!("more than {} elements", self.slot),
-        })
+    /// Refuses a buffer without room for `count` values from the slot on.
+    fn slots(&self, kernel: &'static str, count: usize) -> Result<(), KernelError> {
+        require_len(kernel, "values", self.values.len(), self.slot + count)
     }
 }
 

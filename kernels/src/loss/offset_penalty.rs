@@ -3,54 +3,71 @@
 use crate::loss::Term;
 use crate::loss::sum::{PARTIALS_PER_GROUP, PER_INVOCATION, SumScratch, finish};
 use crate::registry::loss::offset_penalty_step;
-use crate::shape::{dim, expect_len};
+use crate::shape::{OffsetBases, dim, expect_len};
 use crate::{Buffer, Grid, KernelError, Recorder};
 
 const KERNEL: &str = "loss/offset_penalty";
-/// Offsets of one splat: 16 coefficients of 3 channels.
-const PER_SPLAT: usize = 48;
 
-/// Weights of the two means.
+/// The two blocks of the offsets and their weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BlockWeights {
-    /// On the mean over DC offsets.
+pub struct Blocks {
+    /// How rows of offsets are laid out.
+    pub bases: OffsetBases,
+    /// Degree that the higher coefficients reach to, at most 3.
+    pub degree: u32,
+    /// Weight on the mean over DC offsets.
     pub dc: f32,
-    /// On the mean over all others.
+    /// Weight on the mean over all others.
     pub rest: f32,
+}
+
+impl Blocks {
+    /// Weight of one squared element of each block, among `splats` rows.
+    fn shares(&self, splats: usize) -> (f32, f32) {
+        let per_coefficient = splats.max(1) as f32 * 3.0;
+        let rest = match self.bases {
+            OffsetBases::Dc => 0,
+            OffsetBases::All => (self.degree + 1).pow(2) - 1,
+        };
+        let share_of_rest = if rest == 0 { 0.0 } else { self.rest / (per_coefficient * rest as f32) };
+        (self.dc / per_coefficient, share_of_rest)
+    }
 }
 
 /// Value and gradient.
 ///
 /// # Shapes
-/// in `offsets` [N,16,3] · out `v_offsets` [N,16,3] (=) or (+=) · `term.values`, one element (=)
-/// # Equation: dc · mean(Δ_dc²) + rest · mean(Δ_rest²); with weights 1 the L_off of Guard4D as means
+/// in `offsets`, rows as the bases lay them out · out `v_offsets` like them (=) or (+=) ·
+/// `term.values`, one element (=)
+/// # Equation: dc · mean(Δ_dc²) + rest · mean(Δ_rest²); with weights 1 the L_off of Guard4D as means. The second
+/// block ends at the degree; without one its mean is 0.
 /// # Determinism: bitwise; sums in a fixed order, no atomics
 ///
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.
 pub fn step(
     rec: &mut Recorder,
-    (offsets, blocks): (&Buffer<f32>, BlockWeights),
+    (offsets, blocks): (&Buffer<f32>, Blocks),
     v_offsets: &mut Buffer<f32>,
     term: Term<'_>,
     scratch: &mut SumScratch,
 ) -> Result<(), KernelError> {
-    let splats = offsets.len() / PER_SPLAT;
-    expect_len(KERNEL, "offsets", offsets, splats * PER_SPLAT)?;
+    let row = blocks.bases.floats();
+    let splats = offsets.len() / row;
+    expect_len(KERNEL, "offsets", offsets, splats * row)?;
     expect_len(KERNEL, "v_offsets", v_offsets, offsets.len())?;
-    term.slot(KERNEL)?;
+    term.slots(KERNEL, 1)?;
     let texels = offsets.len() / 4;
     let groups = scratch.groups(KERNEL, texels)?;
-    let per_channel = splats.max(1) as f32 * 3.0;
-    let params = offset_penalty_step::Params {
-        n: dim(texels),
-        dc: blocks.dc / per_channel,
-        rest: blocks.rest / (per_channel * 15.0),
-        weight: term.weight,
+    let (dc, rest) = blocks.shares(splats);
+    let params = offset_penalty_step::Params { n: dim(texels), dc, rest, weight: term.weight };
+    let spec = offset_penalty_step::Spec {
+        accumulate: term.accumulate.flag(),
+        texels: PER_INVOCATION,
+        offset_texels: blocks.bases.texels(),
     };
-    let spec = offset_penalty_step::Spec { accumulate: term.accumulate.flag(), texels: PER_INVOCATION };
     let before = v_offsets.alias();
     let bind = offset_penalty_step::Bind { offsets, v_before: &before, v_offsets, partial: &mut scratch.partial };
     rec.dispatch_spec(bind, params, spec, Grid::groups(dim(groups), 1, 1))?;
-    finish(rec, (&scratch.partial, groups * PARTIALS_PER_GROUP), 1.0, (term.values, term.slot))
+    finish(rec, (&scratch.partial, 0..groups * PARTIALS_PER_GROUP), 1.0, (term.values, term.slot))
 }

@@ -1,11 +1,11 @@
-//! Structural similarity against a reference frame whose moments are kept, with its gradient.
+//! Structural dissimilarity to a reference clip whose moments are kept, with its gradient.
 
 use crate::image::CHANNELS;
 use crate::image::resize::ImageSize;
 use crate::loss::Term;
 use crate::loss::sum::{LANES, PARTIALS_PER_GROUP, finish};
 use crate::registry::loss::{ssim_bwd, ssim_columns, ssim_fwd, ssim_reference, ssim_rows};
-use crate::shape::{dim, dim_signed, expect_len};
+use crate::shape::{dim, dim_signed, expect_len, require_len};
 use crate::{Buffer, Device, Grid, KernelError, Recorder};
 
 const KERNEL: &str = "loss/ssim";
@@ -36,30 +36,38 @@ macro_rules! window_spec {
     }};
 }
 
-/// A reference frame and its windowed mean and variance, computed once.
+/// Windowed means and variances of a reference clip, computed once.
 #[derive(Debug)]
 pub struct SsimReference {
     size: ImageSize,
-    image: Buffer<f32>,
+    frames: usize,
     moments: Buffer<f32>,
 }
 
 impl SsimReference {
-    /// Takes a reference frame `[H,W,4]`; [`prepare`] makes it usable.
+    /// Room for the moments of a clip; [`prepare`] computes them.
     ///
     /// # Errors
-    /// [`KernelError::Shape`] when the frame has another size; when memory runs out.
-    pub fn new(device: &Device, size: ImageSize, image: Buffer<f32>) -> Result<Self, KernelError> {
-        let pixels = size.height * size.width;
-        expect_len(KERNEL, "reference", &image, pixels * CHANNELS)?;
-        Ok(Self { size, image, moments: device.buffer("ssim.moments", pixels * 2 * CHANNELS)? })
+    /// When memory runs out.
+    pub fn new(device: &Device, size: ImageSize, frames: usize) -> Result<Self, KernelError> {
+        let moments = frames * size.height * size.width * 2 * CHANNELS;
+        Ok(Self { size, frames, moments: device.buffer("ssim.moments", moments)? })
     }
 
-    /// The frame itself.
-    #[must_use]
-    pub fn image(&self) -> &Buffer<f32> {
-        &self.image
+    fn expect_clip(&self, name: &'static str, clip: &Buffer<f32>) -> Result<(), KernelError> {
+        expect_len(KERNEL, name, clip, self.frames * self.size.height * self.size.width * CHANNELS)
     }
+}
+
+/// A clip, the clip that it is compared with, and the moments of the latter.
+#[derive(Clone, Copy, Debug)]
+pub struct SsimPair<'a> {
+    /// Clip that gets the gradient `[F,H,W,4]`.
+    pub clip: &'a Buffer<f32>,
+    /// Reference clip `[F,H,W,4]`.
+    pub reference: &'a Buffer<f32>,
+    /// Prepared from the reference clip.
+    pub moments: &'a SsimReference,
 }
 
 /// Working memory for frames of one size.
@@ -86,7 +94,7 @@ impl SsimScratch {
 
     fn check(&self, size: ImageSize, frames: usize) -> Result<(), KernelError> {
         expect_len(KERNEL, "scratch.rows", &self.rows, size.height * size.width * 3 * CHANNELS)?;
-        expect_len(KERNEL, "scratch.partial", &self.partial, partials(size) * frames)
+        require_len(KERNEL, "scratch.partial", self.partial.len(), partials(size) * frames)
     }
 }
 
@@ -103,27 +111,19 @@ fn partials(size: ImageSize) -> usize {
     x * y * PARTIALS_PER_GROUP
 }
 
-fn rows(
-    rec: &mut Recorder,
-    size: ImageSize,
-    (x, x_px): (&Buffer<f32>, usize),
-    y: &Buffer<f32>,
-    rows: &mut Buffer<f32>,
-) -> Result<(), KernelError> {
-    let params = ssim_rows::Params {
-        height: dim_signed(size.height),
-        width: dim_signed(size.width),
-        x_px: dim_signed(x_px),
-        y_px: 0,
-    };
-    let grid = Grid::threads(size.height * runs(size.width));
-    rec.dispatch_spec(ssim_rows::Bind { x, y, rows }, params, window_spec!(ssim_rows), grid)
+fn row_grid(size: ImageSize) -> Grid {
+    Grid::threads(size.height * runs(size.width))
 }
 
-/// Computes a reference frame's moments.
+fn column_grid(size: ImageSize) -> Grid {
+    let (x, y) = column_groups(size);
+    Grid::groups(dim(x), dim(y), 1)
+}
+
+/// Computes the moments of the reference clip.
 ///
 /// # Shapes
-/// in/out `reference` of [H,W] · `scratch` of the same size (=)
+/// in `clip` [F,H,W,4] · out `moments` of [F,H,W] (=) · `scratch` of [H,W] (=)
 /// # Equation: windowed mean μ and variance E[y²] − μ²
 /// # Determinism: bitwise; no atomics
 ///
@@ -131,87 +131,87 @@ fn rows(
 /// [`KernelError::Shape`] before anything is recorded.
 pub fn prepare(
     rec: &mut Recorder,
-    reference: &mut SsimReference,
+    clip: &Buffer<f32>,
+    moments: &mut SsimReference,
     scratch: &mut SsimScratch,
 ) -> Result<(), KernelError> {
-    let size = reference.size;
-    expect_len(KERNEL, "scratch.rows", &scratch.rows, size.height * size.width * 3 * CHANNELS)?;
-    rows(rec, size, (&reference.image, 0), &reference.image, &mut scratch.rows)?;
-    let params = ssim_reference::Params { height: dim_signed(size.height), width: dim_signed(size.width) };
-    let (x, y) = column_groups(size);
-    let bind = ssim_reference::Bind { rows: &scratch.rows, moments: &mut reference.moments };
-    rec.dispatch_spec(bind, params, window_spec!(ssim_reference), Grid::groups(dim(x), dim(y), 1))
+    let size = moments.size;
+    moments.expect_clip("reference", clip)?;
+    scratch.check(size, 0)?;
+    let (height, width) = (dim_signed(size.height), dim_signed(size.width));
+    for frame in 0..moments.frames {
+        let first_px = dim_signed(frame * size.height * size.width);
+        let params = ssim_rows::Params { height, width, first_px };
+        let bind = ssim_rows::Bind { x: clip, y: clip, rows: &mut scratch.rows };
+        rec.dispatch_spec(bind, params, window_spec!(ssim_rows, reference: 1), row_grid(size))?;
+        let params = ssim_reference::Params { height, width, first_px };
+        let bind = ssim_reference::Bind { rows: &scratch.rows, moments: &mut moments.moments };
+        rec.dispatch_spec(bind, params, window_spec!(ssim_reference), column_grid(size))?;
+    }
+    Ok(())
 }
 
-/// Mean SSIM of a clip and its gradient.
+/// Mean of 1 − SSIM over a clip and its gradient.
 ///
 /// # Shapes
-/// in `clip` [F,H,W,4] · `references` F prepared frames of [H,W] ·
-/// out `v_clip` [F,H,W,4] (=) or (+=), fourth channel 0 · `term.values`, one element (=): the mean over F·H·W·3
-/// # Equation: Wang et al. 2004, eq. 13; 11×11 Gaussian window, σ = 1.5, zero padding. For the loss
-/// 1 − SSIM give a negative weight.
+/// in `pair` [F,H,W,4] · out `v_clip` [F,H,W,4] (=) or (+=), fourth channel 0 ·
+/// `term.values`, one element (=): the mean over F·H·W·3
+/// # Equation: Wang et al. 2004, eq. 13; 11×11 Gaussian window, σ = 1.5, zero padding. Computed from the
+/// difference of the clips, so that it keeps its precision where they are nearly the same.
 /// # Determinism: bitwise; sums in a fixed order, no atomics
 ///
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.
 pub fn step(
     rec: &mut Recorder,
-    (clip, references): (&Buffer<f32>, &[&SsimReference]),
+    pair: &SsimPair<'_>,
     v_clip: &mut Buffer<f32>,
     term: Term<'_>,
     scratch: &mut SsimScratch,
 ) -> Result<(), KernelError> {
-    let Some(size) = references.first().map(|r| r.size) else {
-        return expect_len(KERNEL, "clip", clip, 0);
-    };
-    let (frames, pixels) = (references.len(), size.height * size.width);
-    expect_len(KERNEL, "clip", clip, frames * pixels * CHANNELS)?;
-    expect_len(KERNEL, "v_clip", v_clip, frames * pixels * CHANNELS)?;
-    scratch.check(size, frames)?;
-    term.slot(KERNEL)?;
-    if let Some(other) = references.iter().find(|r| r.size != size) {
-        let (got, expected) = (format!("{:?}", other.size), format!("{size:?} like the first"));
-        return Err(KernelError::Shape { kernel: KERNEL, buffer: "references", got, expected });
+    let SsimPair { clip, reference, moments } = *pair;
+    let SsimReference { size, frames, .. } = *moments;
+    for (name, buffer) in [("clip", clip), ("reference", reference), ("v_clip", &*v_clip)] {
+        moments.expect_clip(name, buffer)?;
     }
+    scratch.check(size, frames)?;
+    term.slots(KERNEL, 1)?;
+    let pixels = size.height * size.width;
     let mean = 1.0 / ((frames * pixels).max(1) as f32 * 3.0);
-    for (frame, reference) in references.iter().enumerate() {
-        slopes(rec, frame, (clip, reference), scratch)?;
+    for frame in 0..frames {
+        slopes(rec, frame, pair, scratch)?;
         let params = ssim_bwd::Params {
             height: dim_signed(size.height),
             width: dim_signed(size.width),
-            x_px: dim_signed(frame * pixels),
-            y_px: 0,
+            first_px: dim_signed(frame * pixels),
             scale: term.weight * mean,
         };
         let spec = window_spec!(ssim_bwd, accumulate: term.accumulate.flag());
         let before = v_clip.alias();
-        let bind = ssim_bwd::Bind { rows: &scratch.rows, x: clip, y: &reference.image, v_before: &before, v_x: v_clip };
-        rec.dispatch_spec(bind, params, spec, Grid::threads(size.height * runs(size.width)))?;
+        let bind = ssim_bwd::Bind { rows: &scratch.rows, x: clip, y: reference, v_before: &before, v_x: v_clip };
+        rec.dispatch_spec(bind, params, spec, row_grid(size))?;
     }
-    finish(rec, (&scratch.partial, partials(size) * frames), mean, (term.values, term.slot))
+    finish(rec, (&scratch.partial, 0..partials(size) * frames), mean, (term.values, term.slot))
 }
 
 /// Partial sums of one frame, and its vertically windowed slopes in `scratch.rows`.
-fn slopes(
-    rec: &mut Recorder,
-    frame: usize,
-    (clip, reference): (&Buffer<f32>, &SsimReference),
-    scratch: &mut SsimScratch,
-) -> Result<(), KernelError> {
-    let size = reference.size;
+fn slopes(rec: &mut Recorder, frame: usize, pair: &SsimPair<'_>, scratch: &mut SsimScratch) -> Result<(), KernelError> {
+    let SsimPair { clip, reference, moments } = *pair;
+    let size = moments.size;
     let (height, width) = (dim_signed(size.height), dim_signed(size.width));
-    let (x, y) = column_groups(size);
-    rows(rec, size, (clip, frame * size.height * size.width), &reference.image, &mut scratch.rows)?;
+    let first_px = dim_signed(frame * size.height * size.width);
+    let params = ssim_rows::Params { height, width, first_px };
+    let bind = ssim_rows::Bind { x: clip, y: reference, rows: &mut scratch.rows };
+    rec.dispatch_spec(bind, params, window_spec!(ssim_rows, reference: 0), row_grid(size))?;
     let first_partial = dim(frame * partials(size));
-    let params = ssim_fwd::Params { height, width, first_partial, c1: C1, c2: C2 };
+    let params = ssim_fwd::Params { height, width, first_px, first_partial, c1: C1, c2: C2 };
     let bind = ssim_fwd::Bind {
         rows: &scratch.rows,
-        moments: &reference.moments,
+        moments: &moments.moments,
         slopes: &mut scratch.slopes,
         partial: &mut scratch.partial,
     };
-    rec.dispatch_spec(bind, params, window_spec!(ssim_fwd), Grid::groups(dim(x), dim(y), 1))?;
+    rec.dispatch_spec(bind, params, window_spec!(ssim_fwd), column_grid(size))?;
     let bind = ssim_columns::Bind { slopes: &scratch.slopes, rows: &mut scratch.rows };
-    let params = ssim_columns::Params { height, width };
-    rec.dispatch_spec(bind, params, window_spec!(ssim_columns), Grid::groups(dim(x), dim(y), 1))
+    rec.dispatch_spec(bind, ssim_columns::Params { height, width }, window_spec!(ssim_columns), column_grid(size))
 }

@@ -1,7 +1,10 @@
 //! Deterministic sums: kernels leave partial sums, one workgroup adds them in order.
 
+use std::ops::Range;
+
+use crate::loss::pixel::VALUES;
 use crate::registry::loss::sum_finish;
-use crate::shape::dim;
+use crate::shape::{dim, require_len};
 use crate::{Buffer, Device, Grid, KernelError, Recorder};
 
 /// Pixels or texels of one invocation of a loss kernel: long enough to hide a workgroup's start.
@@ -18,26 +21,18 @@ pub struct SumScratch {
 }
 
 impl SumScratch {
-    /// Memory for losses over at most `n` pixels or texels.
+    /// Memory for losses over at most `n` pixels or texels, at most [`VALUES`] of them at a time.
     ///
     /// # Errors
     /// When memory runs out.
     pub fn new(device: &Device, n: usize) -> Result<Self, KernelError> {
-        Ok(Self { partial: device.buffer("loss.partial", groups(n) * PARTIALS_PER_GROUP)? })
+        Ok(Self { partial: device.buffer("loss.partial", VALUES * groups(n) * PARTIALS_PER_GROUP)? })
     }
 
     /// Workgroups for `n` elements, if their partial sums fit.
     pub(crate) fn groups(&self, kernel: &'static str, n: usize) -> Result<usize, KernelError> {
-        let partials = groups(n) * PARTIALS_PER_GROUP;
-        if partials <= self.partial.len() {
-            return Ok(groups(n));
-        }
-        Err(KernelError::Shape {
-            kernel,
-            buffer: "scratch",
-            got: format!("[{}]", self.partial.len()),
-            expected: format!("at least [{partials}]"),
-        })
+        require_len(kernel, "scratch", self.partial.len(), VALUES * groups(n) * PARTIALS_PER_GROUP)?;
+        Ok(groups(n))
     }
 }
 
@@ -45,26 +40,22 @@ fn groups(n: usize) -> usize {
     n.div_ceil(LANES * PER_INVOCATION as usize)
 }
 
-/// Writes `scale · Σ partial[..n]` to `values[slot]`.
+/// Writes `scale · Σ partial[range]` to `values[slot]`.
 ///
 /// # Shapes
-/// in `partial` [≥ n] · out `values` [> slot], one element (=)
+/// in `partial` [≥ the range's end] · out `values` [> slot], one element (=)
 /// # Determinism: bitwise; strided sums of 64 lanes, then lane by lane
 ///
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.
 pub fn finish(
     rec: &mut Recorder,
-    (partial, n): (&Buffer<f32>, usize),
+    (partial, range): (&Buffer<f32>, Range<usize>),
     scale: f32,
     (values, slot): (&mut Buffer<f32>, usize),
 ) -> Result<(), KernelError> {
-    for (buffer, got, least) in [("partial", partial.len(), n), ("values", values.len(), slot + 1)] {
-        if got < least {
-            let expected = format!("at least [{least}]");
-            return Err(KernelError::Shape { kernel: "loss/sum", buffer, got: format!("[{got}]"), expected });
-        }
-    }
-    let params = sum_finish::Params { n: dim(n), slot: dim(slot), scale };
+    require_len("loss/sum", "partial", partial.len(), range.end)?;
+    require_len("loss/sum", "values", values.len(), slot + 1)?;
+    let params = sum_finish::Params { first: dim(range.start), n: dim(range.len()), slot: dim(slot), scale };
     rec.dispatch(sum_finish::Bind { partial, values }, params, Grid::groups(1, 1, 1))
 }

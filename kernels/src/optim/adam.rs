@@ -17,11 +17,24 @@ pub struct AdamConfig {
     pub eps: f32,
     /// Factor on the parameter before the step: 1 − decay.
     pub keep: f32,
+    /// Second parameter group inside the buffer.
+    pub tail: Option<Tail>,
+}
+
+/// The elements of each row from the first few on, with a learning rate of their own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tail {
+    /// Elements of a row.
+    pub row: usize,
+    /// Elements of a row that the tail leaves to the main rate.
+    pub head: usize,
+    /// Learning rate of the tail.
+    pub lr: f32,
 }
 
 impl Default for AdamConfig {
     fn default() -> Self {
-        Self { lr: 1e-3, beta1: 0.9, beta2: 0.999, eps: 1e-8, keep: 1.0 }
+        Self { lr: 1e-3, beta1: 0.9, beta2: 0.999, eps: 1e-8, keep: 1.0, tail: None }
     }
 }
 
@@ -53,7 +66,7 @@ impl AdamState {
 /// One Adam step on `param`.
 ///
 /// # Shapes
-/// in `v_param` [n] · in/out `param` [n] (=) · `state` moments [n] (=)
+/// in `v_param` [n] · in/out `param` [n] (=) · `state` moments [n] (=); with a tail n is a multiple of its row
 /// # Equation: Adam, Kingma & Ba 2015, Algorithm 1; decoupled decay of Loshchilov & Hutter 2019, Algorithm 2
 /// # Errors: [`KernelError::Shape`] before anything is recorded
 /// # Determinism: bitwise; no atomics
@@ -80,11 +93,22 @@ pub fn step(
             });
         }
     }
+    let Tail { row, head, lr: lr_tail } = config.tail.unwrap_or(Tail { row: 1, head: 1, lr: config.lr });
+    if row == 0 || !n.is_multiple_of(row) {
+        return Err(KernelError::Shape {
+            kernel: "optim/adam",
+            buffer: "param",
+            got: format!("[{n}]"),
+            expected: format!("rows of {row}"),
+        });
+    }
     state.steps += 1;
     let exponent = i32::try_from(state.steps).unwrap_or(i32::MAX);
+    let texels = n.div_ceil(4);
     let params = adam_step::Params {
-        n: dim(n),
+        texels: dim(texels),
         lr: config.lr,
+        lr_tail,
         beta1: config.beta1,
         beta2: config.beta2,
         eps: config.eps,
@@ -92,6 +116,15 @@ pub fn step(
         bias2: 1.0 - config.beta2.powi(exponent),
         keep: config.keep,
     };
-    let bind = adam_step::Bind { param, v_param, exp_avg: &mut state.exp_avg, exp_avg_sq: &mut state.exp_avg_sq };
-    rec.dispatch(bind, params, Grid::threads(n))
+    let before = [param.alias(), state.exp_avg.alias(), state.exp_avg_sq.alias()];
+    let bind = adam_step::Bind {
+        param_before: &before[0],
+        exp_avg_before: &before[1],
+        exp_avg_sq_before: &before[2],
+        v_param,
+        param,
+        exp_avg: &mut state.exp_avg,
+        exp_avg_sq: &mut state.exp_avg_sq,
+    };
+    rec.dispatch_spec(bind, params, adam_step::Spec { row: dim(row), head: dim(head) }, Grid::threads(texels))
 }

@@ -7,5 +7,7 @@ pub mod rasterize;
 pub mod sh;
 pub mod tile_bin;
 
-/// Floats of one row of spherical-harmonic coefficients: 16 bases, 3 channels.
-pub const SH_FLOATS: usize = 48;
+use crate::shape::OffsetBases;
+
+/// Floats of one row of spherical-harmonic coefficients: all bases, 3 channels.
+pub const SH_FLOATS: usize = OffsetBases::All.floats();

@@ -2,26 +2,17 @@
 
 use super::SH_FLOATS;
 use crate::registry::splat::{sh_bwd, sh_fwd};
-use crate::shape::{dim, require_len};
+use crate::shape::{OffsetBases, dim, require_len};
 use crate::{Buffer, Grid, KernelError, Recorder};
 
 const KERNEL: &str = "splat/sh";
-
-/// Which coefficients of the offsets exist.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum OffsetBases {
-    /// Only the DC term is read, and only its gradient is written.
-    Dc,
-    /// All coefficients up to the degree.
-    All,
-}
 
 /// Coefficients and offsets that colours are computed from.
 #[derive(Clone, Copy, Debug)]
 pub struct ShInputs<'a> {
     /// Coefficients h `[N,16,3]`.
     pub sh_coeffs: &'a Buffer<f32>,
-    /// Offsets added to them `[N,16,3]` and which of them exist; `None` for the unmarked colours.
+    /// Offsets added to them, N rows as the bases lay them out; `None` for the unmarked colours.
     pub offsets: Option<(&'a Buffer<f32>, OffsetBases)>,
     /// Degree to evaluate, at most 3.
     pub degree: u32,
@@ -51,14 +42,8 @@ fn check(sh: &ShInputs<'_>, visible: &VisibleSplats<'_>, colours: usize) -> Resu
             expected: format!("rows of {SH_FLOATS}, degree 0 to 3"),
         });
     }
-    sh.offsets.map_or(Ok(()), |(offsets, _)| require_len(KERNEL, "offsets", offsets.len(), coeffs))
-}
-
-fn offset_bases(bases: OffsetBases) -> u32 {
-    match bases {
-        OffsetBases::Dc => 1,
-        OffsetBases::All => 16,
-    }
+    let Some((offsets, bases)) = sh.offsets else { return Ok(()) };
+    require_len(KERNEL, "offsets", offsets.len(), coeffs / SH_FLOATS * bases.floats())
 }
 
 /// Colours of the visible splats.
@@ -77,7 +62,7 @@ pub fn forward(
     colours: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
     check(sh, visible, colours.len())?;
-    let (offsets, bases) = sh.offsets.map_or((sh.sh_coeffs, 0), |(o, bases)| (o, offset_bases(bases)));
+    let (offsets, offset_texels) = sh.offsets.map_or((sh.sh_coeffs, 0), |(o, bases)| (o, bases.texels()));
     let bind = sh_fwd::Bind {
         sh_coeffs: sh.sh_coeffs,
         offsets,
@@ -85,15 +70,15 @@ pub fn forward(
         splat_from_visible: visible.splat_from_visible,
         colours,
     };
-    let spec = sh_fwd::Spec { degree: sh.degree, offset_bases: bases };
+    let spec = sh_fwd::Spec { degree: sh.degree, offset_texels };
     rec.dispatch_spec(bind, sh_fwd::Params { num_visible: dim(visible.count) }, spec, Grid::threads(visible.count))
 }
 
 /// Gradient of the offsets.
 ///
 /// # Shapes
-/// in `sh` [N,16,3] with offsets · `visible` [V] · `v_colours` [V,4] · out `v_offsets` [N,16,3] (+=);
-/// coefficients that do not exist or lie above the degree are left alone
+/// in `sh` [N,16,3] with offsets · `visible` [V] · `v_colours` [V,4] · out `v_offsets` like the offsets (+=);
+/// coefficients above the degree are left alone
 /// # Equation: `v_delta_j += Y_j(d) v_colour`, per channel nothing where the colour before the clamp is < 0
 /// # Determinism: bitwise; no atomics
 ///
@@ -107,7 +92,6 @@ pub fn backward(
     v_offsets: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
     check(sh, visible, v_colours.len())?;
-    require_len(KERNEL, "v_offsets", v_offsets.len(), sh.sh_coeffs.len())?;
     let Some((offsets, bases)) = sh.offsets else {
         return Err(KernelError::Shape {
             kernel: KERNEL,
@@ -116,6 +100,7 @@ pub fn backward(
             expected: "offsets to differentiate".to_owned(),
         });
     };
+    require_len(KERNEL, "v_offsets", v_offsets.len(), sh.sh_coeffs.len() / SH_FLOATS * bases.floats())?;
     let before = v_offsets.alias();
     let bind = sh_bwd::Bind {
         sh_coeffs: sh.sh_coeffs,
@@ -126,6 +111,6 @@ pub fn backward(
         v_before: &before,
         v_offsets,
     };
-    let spec = sh_bwd::Spec { degree: sh.degree, offset_bases: offset_bases(bases) };
+    let spec = sh_bwd::Spec { degree: sh.degree, offset_texels: bases.texels() };
     rec.dispatch_spec(bind, sh_bwd::Params { num_visible: dim(visible.count) }, spec, Grid::threads(visible.count))
 }

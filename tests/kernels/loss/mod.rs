@@ -1,7 +1,6 @@
 mod bce;
-mod l1;
-mod mse;
 mod offset_penalty;
+mod pixel;
 mod ssim;
 mod sum;
 

@@ -1,10 +1,10 @@
 //! loss/offset_penalty: twin against differences, GPU against the twin, poison.
 
 use guard4d_kernels::KernelError;
-use guard4d_kernels::loss::offset_penalty::{BlockWeights, step};
+use guard4d_kernels::loss::offset_penalty::{Blocks, step};
 use guard4d_kernels::loss::sum::SumScratch;
 use guard4d_kernels::reference::loss::offset_penalty as twin;
-use guard4d_kernels::shape::Accumulate;
+use guard4d_kernels::shape::{Accumulate, OffsetBases};
 
 use super::{run, term, upload};
 use crate::support::close::assert_close;
@@ -12,22 +12,24 @@ use crate::support::gpu::{Gpu, device};
 use crate::support::gradcheck::gradcheck;
 use crate::support::random::Random;
 
-const BLOCKS: BlockWeights = BlockWeights { dc: 1.5, rest: 0.25 };
+const BLOCKS: Blocks = Blocks { bases: OffsetBases::All, degree: 3, dc: 1.5, rest: 0.25 };
 
 #[test]
 fn twin_gradient_matches_differences() {
     let offsets = Random(1).vec(96, -1.0, 1.0);
-    let grad = twin::step(&offsets, 1.5, 0.25).1;
-    let worst = gradcheck(|x| twin::step(x, 1.5, 0.25).0, &offsets, &grad);
-    assert!(worst < 1e-6, "{worst}");
+    for rows in [(4, 0), (48, 24), (48, 45)] {
+        let grad = twin::step(&offsets, rows, 1.5, 0.25).1;
+        let worst = gradcheck(|x| twin::step(x, rows, 1.5, 0.25).0, &offsets, &grad);
+        assert!(worst < 1e-6, "{rows:?}: {worst}");
+    }
 }
 
-fn on_gpu(gpu: &Gpu, data: &[f32], accumulate: Accumulate) -> (f32, Vec<f32>) {
+fn on_gpu(gpu: &Gpu, blocks: Blocks, data: &[f32], accumulate: Accumulate) -> (f32, Vec<f32>) {
     let offsets = upload(gpu, data);
     let mut v_offsets = upload(gpu, &vec![0.5; data.len()]);
     let mut values = upload(gpu, &[0.0; 2]);
     let mut scratch = SumScratch::new(gpu, data.len() / 4).expect("scratch");
-    run(gpu, |rec| step(rec, (&offsets, BLOCKS), &mut v_offsets, term(&mut values, 10.0, accumulate), &mut scratch));
+    run(gpu, |rec| step(rec, (&offsets, blocks), &mut v_offsets, term(&mut values, 10.0, accumulate), &mut scratch));
     (values.read().expect("read")[1], v_offsets.read().expect("read"))
 }
 
@@ -35,10 +37,21 @@ fn on_gpu(gpu: &Gpu, data: &[f32], accumulate: Accumulate) -> (f32, Vec<f32>) {
 fn gpu_follows_the_twin() {
     let Some(gpu) = device() else { return };
     for splats in [0, 1, 3, 86, 300] {
-        let data = Random(splats as u64).vec_f32(splats * 48, -1.0, 1.0);
-        let (want, grad) = twin::step(&data, BLOCKS.dc, BLOCKS.rest);
-        for (accumulate, before) in [(Accumulate::Overwrite, 0.0), (Accumulate::Add, 0.5)] {
-            let (value, v_offsets) = on_gpu(&gpu, &data, accumulate);
+        for (bases, degree, num_rest, accumulate) in [
+            (OffsetBases::All, 3, 45, Accumulate::Overwrite),
+            (OffsetBases::All, 2, 24, Accumulate::Add),
+            (OffsetBases::All, 0, 0, Accumulate::Overwrite),
+            (OffsetBases::Dc, 3, 0, Accumulate::Overwrite),
+            (OffsetBases::Dc, 3, 0, Accumulate::Add),
+        ] {
+            let row = bases.floats();
+            let mut data = Random(splats as u64).vec_f32(splats * row, -1.0, 1.0);
+            // What does not exist is zero.
+            data.chunks_mut(row).for_each(|row| row[3 + num_rest..].fill(0.0));
+            let blocks = Blocks { bases, degree, ..BLOCKS };
+            let (want, grad) = twin::step(&data, (row, num_rest), BLOCKS.dc, BLOCKS.rest);
+            let before = if accumulate == Accumulate::Add { 0.5 } else { 0.0 };
+            let (value, v_offsets) = on_gpu(&gpu, blocks, &data, accumulate);
             // A mean of squares below 1, summed in another order.
             assert_close(&[value], &[want], 1e-6, 1e-5);
             let want: Vec<f32> = grad.iter().map(|g| before + 10.0 * g).collect();
@@ -53,7 +66,7 @@ fn poison_shows_and_wrong_shapes_are_refused() {
     let mut data = vec![0.1; 96];
     data[50] = f32::NAN;
     data[60] = 1e-40;
-    let (value, v_offsets) = on_gpu(&gpu, &data, Accumulate::Overwrite);
+    let (value, v_offsets) = on_gpu(&gpu, BLOCKS, &data, Accumulate::Overwrite);
     assert!(value.is_nan() && v_offsets[50].is_nan() && v_offsets[60].is_finite(), "{value}");
     let (odd, mut v_odd) = (upload(&gpu, &[0.0; 52]), upload(&gpu, &[0.0; 52]));
     let mut values = upload(&gpu, &[0.0; 2]);

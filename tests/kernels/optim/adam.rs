@@ -1,6 +1,6 @@
 //! optim/adam: GPU against the twin, and the twin against the update's closed form.
 
-use guard4d_kernels::optim::adam::{AdamConfig, AdamState, step};
+use guard4d_kernels::optim::adam::{AdamConfig, AdamState, Tail, step};
 use guard4d_kernels::reference::optim::adam as twin;
 use guard4d_kernels::{KernelError, Recorder};
 
@@ -10,8 +10,9 @@ use crate::support::gpu::{Gpu, device};
 use crate::support::random::Random;
 
 fn twin_config(config: &AdamConfig, t: i32) -> twin::Adam<f32> {
-    let AdamConfig { lr, beta1, beta2, eps, keep } = *config;
-    twin::Adam { lr, beta1, beta2, eps, bias1: 1.0 - beta1.powi(t), bias2: 1.0 - beta2.powi(t), keep }
+    let AdamConfig { lr, beta1, beta2, eps, keep, tail } = *config;
+    let tail = tail.map(|t| (t.row, t.head, t.lr));
+    twin::Adam { lr, beta1, beta2, eps, bias1: 1.0 - beta1.powi(t), bias2: 1.0 - beta2.powi(t), keep, tail }
 }
 
 fn run(gpu: &Gpu, record: impl FnOnce(&mut Recorder) -> Result<(), KernelError>) {
@@ -23,18 +24,24 @@ fn run(gpu: &Gpu, record: impl FnOnce(&mut Recorder) -> Result<(), KernelError>)
 #[test]
 fn first_step_moves_each_parameter_by_lr_against_its_gradient() {
     // At t = 1 both bias corrections cancel: the step is lr g / (|g| + eps).
-    let config =
-        twin::Adam { lr: 0.1, beta1: 0.9, beta2: 0.999, eps: 0.0, bias1: 1.0 - 0.9, bias2: 1.0 - 0.999, keep: 1.0 };
+    let (bias1, bias2) = (1.0 - 0.9, 1.0 - 0.999);
+    let mut config = twin::Adam { lr: 0.1, beta1: 0.9, beta2: 0.999, eps: 0.0, bias1, bias2, keep: 1.0, tail: None };
     let mut param = [1.0f64, -2.0];
     twin::step(&config, &mut param, &[3.0, -0.5], &mut [0.0; 2], &mut [0.0; 2]);
     assert!((param[0] - 0.9).abs() < 1e-12 && (param[1] + 1.9).abs() < 1e-12, "{param:?}");
+    config.tail = Some((3, 1, 0.5));
+    let mut param = [0.0f64; 6];
+    twin::step(&config, &mut param, &[1.0; 6], &mut [0.0; 6], &mut [0.0; 6]);
+    let want = [-0.1, -0.5, -0.5, -0.1, -0.5, -0.5];
+    assert!(param.iter().zip(want).all(|(p, w)| (p - w).abs() < 1e-12), "two groups: {param:?}");
 }
 
 #[test]
 fn gpu_follows_the_twin_over_ten_steps() {
     let Some(gpu) = device() else { return };
-    let config = AdamConfig { lr: 0.05, keep: 0.98, ..AdamConfig::default() };
-    for n in [1, 63, 64, 1000] {
+    let one = AdamConfig { lr: 0.05, keep: 0.98, ..AdamConfig::default() };
+    let two = AdamConfig { tail: Some(Tail { row: 7, head: 3, lr: 0.002 }), ..one };
+    for (n, config) in [(1, one), (63, two), (64, one), (700, two), (1000, one)] {
         let mut random = Random(n as u64);
         let mut want = random.vec_f32(n, -1.0, 1.0);
         let (mut m, mut v) = (vec![0.0; n], vec![0.0; n]);
@@ -74,6 +81,11 @@ fn wrong_lengths_are_refused_and_empty_is_fine() {
     let mut rec = gpu.recorder().expect("recorder");
     let error = step(&mut rec, &mut param, &short, &mut state, &AdamConfig::default());
     assert!(matches!(error, Err(KernelError::Shape { buffer: "v_param", .. })), "{error:?}");
+    let tail = Some(Tail { row: 3, head: 1, lr: 0.1 });
+    let fits = gpu.buffer::<f32>("v_param", 4).expect("buffer");
+    let error = step(&mut rec, &mut param, &fits, &mut state, &AdamConfig { tail, ..AdamConfig::default() });
+    assert!(matches!(error, Err(KernelError::Shape { buffer: "param", .. })), "{error:?}");
+    assert_eq!(state.steps, 0, "a refused step does not count");
     let mut none = gpu.buffer::<f32>("param", 0).expect("buffer");
     let v_none = gpu.buffer::<f32>("v_param", 0).expect("buffer");
     let mut state = AdamState::new(&gpu, "param", 0).expect("state");

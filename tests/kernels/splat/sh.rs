@@ -1,7 +1,8 @@
 //! splat/sh: the twin's gradient against differences, GPU against the twin.
 
 use guard4d_kernels::reference::splat::sh as twin;
-use guard4d_kernels::splat::sh::{OffsetBases, ShInputs, VisibleSplats, backward, forward};
+use guard4d_kernels::shape::OffsetBases;
+use guard4d_kernels::splat::sh::{ShInputs, VisibleSplats, backward, forward};
 use guard4d_kernels::{Buffer, KernelError};
 
 use crate::support::close::assert_close;
@@ -61,6 +62,16 @@ fn twin_gradient_agrees_with_differences() {
     }
 }
 
+/// What of rows `[16,3]` offsets have, laid out like them.
+fn rows(all: &[f32], bases: OffsetBases) -> Vec<f32> {
+    let mut rows = Vec::new();
+    for row in all.chunks(48) {
+        rows.extend(&row[..3 * bases.count()]);
+        rows.resize(rows.len().next_multiple_of(4), 0.0);
+    }
+    rows
+}
+
 #[test]
 fn gpu_follows_the_twin_for_every_degree_and_offset() {
     let Some(gpu) = device() else { return };
@@ -72,22 +83,20 @@ fn gpu_follows_the_twin_for_every_degree_and_offset() {
         splats.truncate(visible);
         // Large enough that a good part of the channels is clamped.
         let coeffs = random.vec_f32(48 * n, -0.6, 0.6);
-        let offsets = random.vec_f32(48 * n, -0.2, 0.2);
+        let all_offsets = random.vec_f32(48 * n, -0.2, 0.2);
         let v_colours = random.vec_f32(4 * visible, -1.0, 1.0);
-        let already = random.vec_f32(48 * n, -1.0, 1.0);
+        let all_already = random.vec_f32(48 * n, -1.0, 1.0);
         let buffer = |data: &[f32]| gpu.buffer_from("input", data).expect("buffer");
         let ids: Vec<u32> = splats.iter().map(|&s| s as u32).collect();
         let (dirs_gpu, ids_gpu) = (buffer(&dirs), gpu.buffer_from("ids", &ids).expect("buffer"));
-        let (coeffs_gpu, offsets_gpu, v_gpu) = (buffer(&coeffs), buffer(&offsets), buffer(&v_colours));
+        let (coeffs_gpu, v_gpu) = (buffer(&coeffs), buffer(&v_colours));
         let seen = VisibleSplats { dirs: &dirs_gpu, splat_from_visible: &ids_gpu, count: visible };
         for degree in 0..=3 {
             for bases in [None, Some(OffsetBases::Dc), Some(OffsetBases::All)] {
-                let offset = |i: usize| match bases {
-                    None => 0.0,
-                    Some(OffsetBases::Dc) => offsets[i] * f32::from(u8::from(i % 48 < 3)),
-                    Some(OffsetBases::All) => offsets[i],
-                };
+                let count = bases.map_or(0, OffsetBases::count);
+                let offset = |i: usize| if i % 48 < 3 * count { all_offsets[i] } else { 0.0 };
                 let sum: Vec<f32> = coeffs.iter().enumerate().map(|(i, c)| c + offset(i)).collect();
+                let offsets_gpu = buffer(&bases.map_or(vec![], |b| rows(&all_offsets, b)));
                 let sh = ShInputs { sh_coeffs: &coeffs_gpu, offsets: bases.map(|b| (&offsets_gpu, b)), degree };
                 let mut colours = gpu.buffer("colours", 4 * visible).expect("buffer");
                 let mut rec = gpu.recorder().expect("recorder");
@@ -97,15 +106,13 @@ fn gpu_follows_the_twin_for_every_degree_and_offset() {
                 // 48 products of size one or less, each rounded twice.
                 assert_close(&colours.read().expect("read"), &want, 1e-5, 0.0);
                 let Some(bases) = bases else { continue };
+                let already = rows(&all_already, bases);
                 let mut v_offsets = buffer(&already);
                 let mut rec = gpu.recorder().expect("recorder");
                 backward(&mut rec, &sh, &seen, &v_gpu, &mut v_offsets).expect("records");
                 rec.submit().expect("runs");
-                let mut want = twin::backward(&sum, &dirs, &splats, degree, &v_colours);
-                for (i, w) in want.iter_mut().enumerate() {
-                    let exists = bases == OffsetBases::All || i % 48 < 3;
-                    *w = already[i] + if exists { *w } else { 0.0 };
-                }
+                let gradient = rows(&twin::backward(&sum, &dirs, &splats, degree, &v_colours), bases);
+                let want: Vec<f32> = already.iter().zip(gradient).map(|(a, g)| a + g).collect();
                 // One product and one sum of size one.
                 assert_close(&v_offsets.read().expect("read"), &want, 1e-6, 0.0);
             }

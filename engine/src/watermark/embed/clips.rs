@@ -20,8 +20,8 @@ pub(super) struct TrainingClip {
     pub(super) reference: Buffer<f32>,
     /// The same at CLIP's size.
     pub(super) resized: Buffer<f32>,
-    /// Reference moments for SSIM; empty when the reconstruction loss is off.
-    pub(super) similarity: Vec<SsimReference>,
+    /// Reference moments for SSIM, when it is part of the loss.
+    pub(super) moments: Option<SsimReference>,
 }
 
 /// What building a clip needs.
@@ -31,8 +31,8 @@ pub(super) struct ClipBuilder<'a> {
     pub(super) renderer: &'a mut Renderer,
     pub(super) resize: &'a ResizePlan,
     pub(super) background: [f32; 3],
-    /// Whether the reconstruction loss will be asked for.
-    pub(super) with_similarity: bool,
+    /// Working memory for [`TrainingClip::moments`], when they are wanted.
+    pub(super) similarity: Option<SsimScratch>,
 }
 
 impl ClipBuilder<'_> {
@@ -54,27 +54,15 @@ impl ClipBuilder<'_> {
         self.renderer.forward_clip(&mut rec, &plans, None, self.background, &mut raw)?;
         clamp01::forward(&mut rec, &raw, &mut reference)?;
         resize::forward(&mut rec, self.resize, &reference, &mut resized, &mut scratch)?;
+        let moments = match &mut self.similarity {
+            Some(scratch) => {
+                let mut moments = SsimReference::new(self.device, from, frames)?;
+                ssim::prepare(&mut rec, &reference, &mut moments, scratch)?;
+                Some(moments)
+            }
+            None => None,
+        };
         rec.submit()?;
-        let similarity = if self.with_similarity { self.similarity(&reference, frames)? } else { Vec::new() };
-        Ok(TrainingClip { plans, reference, resized, similarity })
-    }
-
-    fn similarity(&self, reference: &Buffer<f32>, frames: usize) -> Result<Vec<SsimReference>, EngineError> {
-        let size = self.resize.from;
-        let frame_len = size.height * size.width * 4;
-        let mut scratch = SsimScratch::new(self.device, size, 1)?;
-        let mut out = Vec::with_capacity(frames);
-        for i in 0..frames {
-            let mut frame = self.device.buffer("clip.similarity", frame_len)?;
-            let mut rec = self.device.recorder()?;
-            rec.copy(reference, i * frame_len, &mut frame, 0, frame_len)?;
-            rec.submit()?;
-            let mut moments = SsimReference::new(self.device, size, frame)?;
-            let mut rec = self.device.recorder()?;
-            ssim::prepare(&mut rec, &mut moments, &mut scratch)?;
-            rec.submit()?;
-            out.push(moments);
-        }
-        Ok(out)
+        Ok(TrainingClip { plans, reference, resized, moments })
     }
 }

@@ -1,9 +1,11 @@
 //! What an embedding is asked to do.
 
+use guard4d_kernels::image::resize::ImageSize;
 use guard4d_kernels::loss::bce::Objective;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use crate::error::EngineError;
+use crate::render::OffsetBases;
 use crate::watermark::evidence::ExtractorMode;
 use crate::watermark::tmsd::TmsdConfig;
 
@@ -70,19 +72,27 @@ pub struct EmbedConfig {
     pub target_psnr: f32,
     /// Fidelity at the start; the hold tightens linearly over the first half.
     pub start_psnr: f32,
+    /// SH coefficients that get offsets; `all` means up to the model's degree.
+    #[serde(serialize_with = "name_of_bases")]
+    pub bases: OffsetBases,
     /// Adam's rate for DC offsets.
     pub lr_dc: f32,
+    /// Adam's rate for the other offsets, as a share of `lr_dc` (GuardSplat: 1/20).
+    pub lr_rest_share: f32,
     /// Adam's rate for R in `joint`.
     pub lr_tmsd: f32,
     /// Share of the rates that is left at the end of the cosine.
     pub lr_floor: f32,
     /// Logit beyond which a bit is left alone; 0 takes the paper's BCE instead.
     pub margin: f32,
-    /// Weight of the reconstruction loss (L1 and SSIM) against the message loss.
+    /// Weight of the message loss and its controls (Guard4D: 0.03).
+    pub lambda_msg: f32,
+    /// Weight of the reconstruction loss: L1 and 1 − SSIM (Guard4D: 1). Profiles leave it and the offset penalty at 0
+    /// and hold the fidelity at the target instead; a target of 20 dB hardly ever binds.
     pub lambda_recon: f32,
     /// Share of SSIM in the reconstruction loss (GuardSplat: 0.2).
     pub lambda_ssim: f32,
-    /// Weight of the offset penalty.
+    /// Weight of the offset penalty (Guard4D: 10).
     pub lambda_offset: f32,
     /// Control loss of `joint`.
     pub control: Control,
@@ -120,10 +130,13 @@ impl EmbedConfig {
             seed: 0,
             target_psnr: 43.0,
             start_psnr: 40.0,
+            bases: OffsetBases::Dc,
             lr_dc: 0.006,
+            lr_rest_share: 0.05,
             lr_tmsd: 2e-4,
             lr_floor: 0.05,
             margin: 5.0,
+            lambda_msg: 1.0,
             lambda_recon: 0.0,
             lambda_ssim: 0.2,
             lambda_offset: 0.0,
@@ -135,6 +148,16 @@ impl EmbedConfig {
             null_level: 0.02,
             responses,
         }
+    }
+
+    /// Whether SSIM is part of the loss.
+    pub(super) fn uses_ssim(&self) -> bool {
+        self.lambda_recon > 0.0 && self.lambda_ssim > 0.0
+    }
+
+    /// Size of training frames.
+    pub(super) fn frame_size(&self) -> ImageSize {
+        ImageSize { height: self.size_px.1 as usize, width: self.size_px.0 as usize }
     }
 
     /// Clips that the extractor reads per step: the marked one and, for `joint`, the clean and the noisy control.
@@ -153,16 +176,36 @@ impl EmbedConfig {
             ("views", f64::from(self.views), self.views > 0),
             ("target PSNR", f64::from(self.target_psnr), (20.0..=80.0).contains(&self.target_psnr)),
             ("radius", self.radius, self.radius.is_finite() && self.radius > 0.0),
+            weight("lambda_msg", self.lambda_msg),
+            weight("lambda_recon", self.lambda_recon),
+            weight("lambda_offset", self.lambda_offset),
+            weight("lambda_control", self.lambda_control),
+            weight("lr_dc", self.lr_dc),
+            weight("lr_rest_share", self.lr_rest_share),
+            ("lambda_ssim", f64::from(self.lambda_ssim), (0.0..=1.0).contains(&self.lambda_ssim)),
         ];
         for (what, got, fine) in checks {
             if !fine {
                 return Err(EngineError::Usage {
                     what: what.to_owned(),
                     got: got.to_string(),
-                    expected: "a sensible positive number (PSNR: 20 to 80 dB)".to_owned(),
+                    expected: "a sensible number, not negative (PSNR: 20 to 80 dB)".to_owned(),
                 });
             }
         }
         Ok(())
     }
+}
+
+/// A check of [`EmbedConfig::validate`].
+fn weight(name: &'static str, value: f32) -> (&'static str, f64, bool) {
+    (name, f64::from(value), value.is_finite() && value >= 0.0)
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+fn name_of_bases<S: Serializer>(bases: &OffsetBases, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(match bases {
+        OffsetBases::Dc => "dc",
+        OffsetBases::All => "all",
+    })
 }

@@ -21,6 +21,8 @@ use crate::watermark::key::Key;
 use crate::watermark::prf::{Purpose as Stream, standard_normal, uniform_below};
 use crate::watermark::tmsd::TmsdWeights;
 
+/// Coefficients of the random offset fields; DC terms make most of any mark.
+const RESPONSE_BASES: OffsetBases = OffsetBases::Dc;
 /// Standard deviation of the random DC offsets, in colour: about one 8-bit step times three.
 const RESPONSE_LEVEL: f64 = 0.0125;
 /// SH constant Y₀: colour per unit of DC offset.
@@ -109,11 +111,11 @@ fn responses(
 ) -> Result<Vec<f32>, EngineError> {
     let mut rng = key.prf().stream(Stream::Responses, config.seed);
     let width = key.text_mean.len();
-    let mut field: Buffer<f32> = device.buffer("fit.field", stage.offsets.len())?;
+    let mut field: Buffer<f32> = device.buffer("fit.field", stage.num_splats * RESPONSE_BASES.floats())?;
     let mut found = Vec::with_capacity(config.responses * width);
     for _ in 0..config.responses {
-        field.write(&random_field(stage.offsets.len(), &mut rng))?;
-        let offsets = Offsets { data: &field, bases: OffsetBases::Dc };
+        field.write(&random_field(stage.num_splats, &mut rng))?;
+        let offsets = Offsets { data: &field, bases: RESPONSE_BASES };
         let mut change = vec![0.0f64; width];
         for _ in 0..CLIPS_PER_RESPONSE {
             let index = uniform_below(&mut rng, u32::try_from(clips.len()).unwrap_or(u32::MAX)) as usize;
@@ -136,9 +138,10 @@ fn responses(
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "offsets are single precision")]
-fn random_field(len: usize, rng: &mut rand_chacha::ChaCha20Rng) -> Vec<f32> {
-    let mut field = vec![0.0; len];
-    for splat in field.chunks_exact_mut(48) {
+fn random_field(num_splats: usize, rng: &mut rand_chacha::ChaCha20Rng) -> Vec<f32> {
+    let row = RESPONSE_BASES.floats();
+    let mut field = vec![0.0; num_splats * row];
+    for splat in field.chunks_exact_mut(row) {
         for dc in &mut splat[..3] {
             *dc = (standard_normal(rng) * RESPONSE_LEVEL / Y0) as f32;
         }

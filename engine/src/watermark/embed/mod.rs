@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 use guard4d_kernels::Device;
-use guard4d_kernels::image::resize::ImageSize;
+use guard4d_kernels::loss::ssim::SsimScratch;
 use rand_chacha::ChaCha20Rng;
 
 pub use config::{Control, EmbedConfig, Profile};
@@ -19,7 +19,9 @@ pub use step::StepReport;
 use crate::clip::{Clip, Purpose};
 use crate::deform::DeformField;
 use crate::error::EngineError;
+use crate::render::OffsetBases;
 use crate::scene::camera_paths::{Band, Lens};
+use crate::scene::gaussians::{CHANNELS, SH_FLOATS};
 use crate::scene::{CameraSet, Model};
 use crate::train::schedule::cosine;
 use crate::watermark::decoder::Decoder;
@@ -101,9 +103,8 @@ impl<'a> Embedding<'a> {
         let Subject { device, clip, key, model, message } = subject;
         let mut seconds = BTreeMap::new();
         let started = Instant::now();
-        let size = ImageSize { height: config.size_px.1 as usize, width: config.size_px.0 as usize };
         let side = clip.config().vision_config.image_size;
-        let mut stage = Stage::new(device, model.gaussians.len(), size, side, model.background)?;
+        let mut stage = Stage::new(device, model, &config, side)?;
         let clips = training_clips(&subject, &config, &mut stage)?;
         seconds.insert("plan".to_owned(), started.elapsed().as_secs_f64());
 
@@ -157,9 +158,9 @@ impl<'a> Embedding<'a> {
         };
         let (report, timings) =
             self.critic.step(self.subject.device, &mut self.stage, &self.clips[index], config, rates)?;
-        if !(report.message.is_finite() && report.mse.is_finite()) {
+        if !(report.total.is_finite() && report.mse.is_finite()) {
             let what = format!("loss at step {}", self.step);
-            return Err(EngineError::NotFinite { what, got: f64::from(report.message) });
+            return Err(EngineError::NotFinite { what, got: f64::from(report.total) });
         }
         self.hold_fidelity(report.mse);
         for pass in timings.passes {
@@ -189,7 +190,7 @@ impl<'a> Embedding<'a> {
     pub fn finish(mut self) -> Result<Embedded, EngineError> {
         let offsets = self.stage.offsets.read()?;
         let clean = &self.subject.model.gaussians.sh_coeffs;
-        let sh_coeffs = clean.iter().zip(&offsets).map(|(h, d)| h + d).collect();
+        let sh_coeffs = marked(clean, &offsets, self.stage.bases);
         if let Some(tmsd) = self.critic.features.tmsd() {
             self.weights.tmsd = Some(tmsd.weights()?);
         }
@@ -201,6 +202,17 @@ impl<'a> Embedding<'a> {
             steps: self.step,
         })
     }
+}
+
+/// Coefficients plus offsets; those with an offset of zero keep their bits, also those of a negative zero.
+fn marked(clean: &[f32], offsets: &[f32], bases: OffsetBases) -> Vec<f32> {
+    let mut marked = clean.to_vec();
+    for (splat, row) in marked.chunks_exact_mut(SH_FLOATS).zip(offsets.chunks_exact(bases.floats())) {
+        for (h, d) in splat.iter_mut().zip(&row[..CHANNELS * bases.count()]).filter(|(_, d)| **d != 0.0) {
+            *h += d;
+        }
+    }
+    marked
 }
 
 /// Random views over the whole motion.
@@ -231,13 +243,17 @@ fn training_clips(
     };
     // A few clips share each set of times, so that the deformation is evaluated once for them.
     let mut times = [0.0; CLIP_FRAMES];
+    let similarity = match config.uses_ssim() {
+        true => Some(SsimScratch::new(subject.device, config.frame_size(), 1)?),
+        false => None,
+    };
     let mut builder = ClipBuilder {
         device: subject.device,
         field: &mut field,
         renderer: &mut stage.renderer,
         resize: &stage.resize,
         background: stage.background,
-        with_similarity: config.lambda_recon > 0.0,
+        similarity,
     };
     let mut clips = Vec::with_capacity(config.views as usize);
     for (number, views) in cameras.views.chunks(per_clip).enumerate() {

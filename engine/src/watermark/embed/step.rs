@@ -4,11 +4,12 @@ use guard4d_kernels::image::clamp01;
 use guard4d_kernels::image::noise::{self, Noise};
 use guard4d_kernels::image::resize::{self, ImageSize, ResizePlan};
 use guard4d_kernels::loss::bce::{self, Groups, Objective};
-use guard4d_kernels::loss::offset_penalty::{self, BlockWeights};
-use guard4d_kernels::loss::ssim::{self, SsimReference, SsimScratch};
+use guard4d_kernels::loss::offset_penalty::{self, Blocks};
+use guard4d_kernels::loss::pixel::{self, PixelWeights};
+use guard4d_kernels::loss::ssim::{self, SsimPair, SsimScratch};
 use guard4d_kernels::loss::sum::SumScratch;
-use guard4d_kernels::loss::{PixelPair, Term, l1, mse};
-use guard4d_kernels::optim::adam::{self, AdamConfig, AdamState};
+use guard4d_kernels::loss::{PixelPair, Term};
+use guard4d_kernels::optim::adam::{self, AdamConfig, AdamState, Tail};
 use guard4d_kernels::shape::Accumulate;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
 
@@ -16,15 +17,17 @@ use super::clips::TrainingClip;
 use super::config::EmbedConfig;
 use crate::error::EngineError;
 use crate::render::{OffsetBases, Offsets, Renderer};
+use crate::scene::Model;
+use crate::scene::gaussians::CHANNELS;
 use crate::watermark::decoder::{Decoder, DecoderPass};
 use crate::watermark::evidence::ExtractorMode;
 use crate::watermark::extractor::{CLIP_FRAMES, FeatureExtractor, Training};
 use crate::watermark::message::Message;
 
-/// Slots of the value buffer.
+/// Slots of the value buffer; `loss/pixel` fills the first two in this order.
 const MSE: usize = 0;
 const L1: usize = 1;
-const SSIM: usize = 2;
+const DISSIMILARITY: usize = 2;
 const OFFSET: usize = 3;
 const NUM_VALUES: usize = 4;
 
@@ -34,10 +37,15 @@ pub(super) struct Stage {
     pub(super) resize: ResizePlan,
     pub(super) resize_scratch: Buffer<f32>,
     pub(super) background: [f32; 3],
-    /// Offsets on the SH coefficients `[N,16,3]`.
+    pub(super) num_splats: usize,
+    sh_degree: u32,
+    /// SH coefficients that have offsets.
+    pub(super) bases: OffsetBases,
+    /// Offsets, N rows as the bases lay them out.
     pub(super) offsets: Buffer<f32>,
     pub(super) offsets_state: AdamState,
     v_offsets: Buffer<f32>,
+    penalty_sums: SumScratch,
     pub(super) raw: Buffer<f32>,
     pub(super) marked: Buffer<f32>,
     v_marked: Buffer<f32>,
@@ -48,25 +56,26 @@ pub(super) struct Stage {
 }
 
 impl Stage {
-    pub(super) fn new(
-        device: &Device,
-        num_splats: usize,
-        size: ImageSize,
-        side: usize,
-        background: [f32; 3],
-    ) -> Result<Self, EngineError> {
+    /// Zero offsets on `model`, and room for clips that CLIP sees at `side` × `side` pixels.
+    pub(super) fn new(device: &Device, model: &Model, config: &EmbedConfig, side: usize) -> Result<Self, EngineError> {
+        let size = config.frame_size();
         let resize = ResizePlan::new(device, size, ImageSize { height: side, width: side })?;
         let full = |name: &str| device.buffer(&format!("stage.{name}"), CLIP_FRAMES * size.height * size.width * 4);
         let small = |name: &str| device.buffer(&format!("stage.{name}"), CLIP_FRAMES * side * side * 4);
-        let offsets = num_splats * 48;
+        let num_splats = model.gaussians.len();
+        let offsets = num_splats * config.bases.floats();
         Ok(Self {
             renderer: Renderer::new(device)?,
             resize_scratch: resize.scratch(device, CLIP_FRAMES)?,
             resize,
-            background,
+            background: model.background,
+            num_splats,
+            sh_degree: model.gaussians.sh_degree,
+            bases: config.bases,
             offsets: device.buffer("offsets", offsets)?,
             offsets_state: AdamState::new(device, "offsets", offsets)?,
             v_offsets: device.buffer("v_offsets", offsets)?,
+            penalty_sums: SumScratch::new(device, offsets.div_ceil(4))?,
             raw: full("raw")?,
             marked: full("marked")?,
             v_marked: full("v_marked")?,
@@ -79,7 +88,7 @@ impl Stage {
 
     /// Marked frames of a clip, clamped to what a video can hold, in `self.marked`; resized in `self.resized`.
     pub(super) fn render(&mut self, rec: &mut Recorder, clip: &TrainingClip) -> Result<(), EngineError> {
-        let offsets = Offsets { data: &self.offsets, bases: OffsetBases::Dc };
+        let offsets = Offsets { data: &self.offsets, bases: self.bases };
         self.renderer.forward_clip(rec, &clip.plans, Some(offsets), self.background, &mut self.raw)?;
         clamp01::forward(rec, &self.raw, &mut self.marked)?;
         Ok(resize::forward(rec, &self.resize, &self.marked, &mut self.resized, &mut self.resize_scratch)?)
@@ -95,6 +104,12 @@ pub struct StepReport {
     pub control: f32,
     /// Mean square of the mark.
     pub mse: f32,
+    /// Reconstruction loss (L1 and 1 − SSIM); 0 when its weight is.
+    pub recon: f32,
+    /// Offset penalty; 0 when its weight is.
+    pub offset: f32,
+    /// Weighted sum of the losses.
+    pub total: f32,
     /// Share of the message's bits that the clip's frames carry.
     pub bit_accuracy: f32,
 }
@@ -110,6 +125,16 @@ pub(super) struct Rates {
     pub(super) sigma: f32,
     /// Stream of its noise.
     pub(super) stream: u32,
+}
+
+/// Both parameter groups of the offsets.
+fn offset_adam(config: &EmbedConfig, rates: Rates) -> AdamConfig {
+    let lr = config.lr_dc * rates.decay;
+    let tail = match config.bases {
+        OffsetBases::Dc => None,
+        OffsetBases::All => Some(Tail { row: config.bases.floats(), head: CHANNELS, lr: lr * config.lr_rest_share }),
+    };
+    AdamConfig { lr, keep: rates.keep, tail, ..AdamConfig::default() }
 }
 
 /// The extractor in training, with its losses.
@@ -150,7 +175,7 @@ impl Critic {
                 value: device.buffer("critic.value", 1)?,
             })
         };
-        let size = ImageSize { height: config.size_px.1 as usize, width: config.size_px.0 as usize };
+        let size = config.frame_size();
         Ok(Self {
             pass: decoder.pass(device, branches * CLIP_FRAMES)?,
             target: device.buffer_from("critic.target", &bits)?,
@@ -204,18 +229,14 @@ impl Critic {
             num_px: stage.marked.len() / 4,
         };
         // The squared error is only measured: the fidelity is held by scaling the offsets.
-        let term = Term { values, slot: MSE, weight: 0.0, accumulate: Accumulate::Overwrite };
-        mse::step(rec, &pair, &mut stage.v_marked, term, &mut self.sums)?;
-        if config.lambda_recon > 0.0 {
-            let accumulate = Accumulate::Add;
-            let weight = config.lambda_recon * (1.0 - config.lambda_ssim);
-            let term = Term { values, slot: L1, weight, accumulate };
-            l1::step(rec, &pair, &mut stage.v_marked, term, &mut self.sums)?;
-            let references: Vec<&SsimReference> = clip.similarity.iter().collect();
-            let weight = -config.lambda_recon * config.lambda_ssim;
-            let term = Term { values, slot: SSIM, weight, accumulate };
-            let marked = (&stage.marked, references.as_slice());
-            ssim::step(rec, marked, &mut stage.v_marked, term, &mut self.similarity)?;
+        let weights = PixelWeights { square: 0.0, absolute: 1.0 - config.lambda_ssim };
+        let term = Term { values, slot: MSE, weight: config.lambda_recon, accumulate: Accumulate::Overwrite };
+        pixel::step(rec, (&pair, weights), &mut stage.v_marked, term, &mut self.sums)?;
+        if let Some(moments) = &clip.moments {
+            let pair = SsimPair { clip: &stage.marked, reference: &clip.reference, moments };
+            let weight = config.lambda_recon * config.lambda_ssim;
+            let term = Term { values, slot: DISSIMILARITY, weight, accumulate: Accumulate::Add };
+            ssim::step(rec, &pair, &mut stage.v_marked, term, &mut self.similarity)?;
         }
         Ok(())
     }
@@ -246,8 +267,10 @@ impl Critic {
         let groups = Groups { groups: 1, rows: CLIP_FRAMES, bits };
         let len = CLIP_FRAMES * bits;
         for (i, branch) in self.branches.iter_mut().enumerate() {
-            let (objective, weight) =
-                if i == 0 { (self.objective, 1.0) } else { (config.control.objective(), config.lambda_control) };
+            let (objective, weight) = match i {
+                0 => (self.objective, config.lambda_msg),
+                _ => (config.control.objective(), config.lambda_msg * config.lambda_control),
+            };
             rec.copy(&self.pass.logits, i * len, &mut branch.logits, 0, len)?;
             bce::forward(rec, objective, groups, (&branch.logits, &self.target), &mut branch.value)?;
             let inputs = (&branch.logits, &self.target, &branch.value);
@@ -273,17 +296,16 @@ impl Critic {
         resize::backward(rec, &stage.resize, &self.features.v_x, into, &mut stage.resize_scratch)?;
         clamp01::backward(rec, &stage.raw, &stage.v_marked, &mut stage.v_raw)?;
         rec.fill(&mut stage.v_offsets, 0.0);
-        let offsets = Offsets { data: &stage.offsets, bases: OffsetBases::Dc };
+        let offsets = Offsets { data: &stage.offsets, bases: stage.bases };
         stage.renderer.backward_clip(rec, &clip.plans, offsets, &stage.v_raw, &mut stage.v_offsets)?;
         if config.lambda_offset > 0.0 {
-            let weights = BlockWeights { dc: 1.0, rest: 1.0 };
+            let blocks = Blocks { bases: stage.bases, degree: stage.sh_degree, dc: 1.0, rest: 1.0 };
             let accumulate = Accumulate::Add;
             let term = Term { values: &mut self.values, slot: OFFSET, weight: config.lambda_offset, accumulate };
             let v_offsets = &mut stage.v_offsets;
-            offset_penalty::step(rec, (&stage.offsets, weights), v_offsets, term, &mut self.sums)?;
+            offset_penalty::step(rec, (&stage.offsets, blocks), v_offsets, term, &mut stage.penalty_sums)?;
         }
-        let adam = AdamConfig { lr: config.lr_dc * rates.decay, keep: rates.keep, ..AdamConfig::default() };
-        adam::step(rec, &mut stage.offsets, &stage.v_offsets, &mut stage.offsets_state, &adam)?;
+        adam::step(rec, &mut stage.offsets, &stage.v_offsets, &mut stage.offsets_state, &offset_adam(config, rates))?;
         if training == Training::Tmsd
             && let Some(tmsd) = self.features.tmsd()
         {
@@ -303,11 +325,16 @@ impl Critic {
         for i in 1..self.branches.len() {
             control += objective.loss(value(i)?);
         }
-        Ok(StepReport {
-            message: value(0)?,
-            control,
-            mse: self.values.read()?[MSE],
-            bit_accuracy: right as f32 / logits.len() as f32,
-        })
+        let values = self.values.read()?;
+        let recon = match config.lambda_recon > 0.0 {
+            true => (1.0 - config.lambda_ssim) * values[L1] + config.lambda_ssim * values[DISSIMILARITY],
+            false => 0.0,
+        };
+        let (message, offset) = (value(0)?, values[OFFSET]);
+        let total = config.lambda_msg * (message + config.lambda_control * control)
+            + config.lambda_recon * recon
+            + config.lambda_offset * offset;
+        let bit_accuracy = right as f32 / logits.len() as f32;
+        Ok(StepReport { message, control, mse: values[MSE], recon, offset, total, bit_accuracy })
     }
 }

@@ -1,4 +1,5 @@
-//! Twin of `loss/ssim_*`: SSIM with an 11×11 Gaussian window, σ = 1.5, zero padding.
+//! Twin of `loss/ssim_*`: SSIM with an 11×11 Gaussian window, σ = 1.5, zero padding, as the paper writes it.
+//! Only in f64 does this form keep its precision for images that are nearly the same.
 
 use crate::reference::Real;
 
@@ -23,7 +24,7 @@ fn blur<R: Real>(image: &[R], height: usize, width: usize) -> Vec<R> {
     pass(&pass(image, true), false)
 }
 
-/// Mean SSIM of a frame `[H,W,4]` over three channels and its gradient to `image`, fourth channel 0.
+/// Mean of 1 − SSIM of a frame `[H,W,4]` over three channels and its gradient to `image`, fourth channel 0.
 pub fn step<R: Real>(image: &[R], reference: &[R], height: usize, width: usize) -> (R, Vec<R>) {
     let pixels = height * width;
     let mean = R::of(1.0 / (pixels as f64 * 3.0));
@@ -41,7 +42,7 @@ pub fn step<R: Real>(image: &[R], reference: &[R], height: usize, width: usize) 
     (value, grad)
 }
 
-/// Sum of SSIM over one channel, and its gradient.
+/// Sum of 1 − SSIM over one channel, and its gradient.
 fn plane<R: Real>(x: &[R], y: &[R], height: usize, width: usize) -> (R, Vec<R>) {
     let (one, two) = (R::of(1.0), R::of(2.0));
     let (c1, c2) = (R::of(0.01 * 0.01), R::of(0.03 * 0.03));
@@ -57,11 +58,11 @@ fn plane<R: Real>(x: &[R], y: &[R], height: usize, width: usize) -> (R, Vec<R>) 
         let d1 = mx[i] * mx[i] + my[i] * my[i] + c1;
         let d2 = exx[i] - mx[i] * mx[i] + eyy[i] - my[i] * my[i] + c2;
         let ssim = n1 * n2 / (d1 * d2);
-        sum += ssim;
-        // By the chain rule through n1, n2, d1, d2.
-        slopes[0].push(two * my[i] * (n2 - n1) / (d1 * d2) + two * mx[i] * ssim * (one / d2 - one / d1));
-        slopes[1].push(-(ssim / d2));
-        slopes[2].push(two * n1 / (d1 * d2));
+        sum += one - ssim;
+        // Minus those of SSIM, by the chain rule through n1, n2, d1, d2.
+        slopes[0].push(two * my[i] * (n1 - n2) / (d1 * d2) + two * mx[i] * ssim * (one / d1 - one / d2));
+        slopes[1].push(ssim / d2);
+        slopes[2].push(-(two * n1 / (d1 * d2)));
     }
     let [by_mean, by_square, by_product] = slopes.map(|s| mean(&s));
     let grad = (0..x.len()).map(|i| by_mean[i] + two * x[i] * by_square[i] + y[i] * by_product[i]).collect();

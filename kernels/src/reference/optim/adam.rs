@@ -19,6 +19,8 @@ pub struct Adam<R> {
     pub bias2: R,
     /// 1 − decay
     pub keep: R,
+    /// Elements of a row, how many of them move at `lr`, and the rate of the others.
+    pub tail: Option<(usize, usize, R)>,
 }
 
 /// One Adam step: Kingma & Ba 2015, Algorithm 1; decoupled decay of Loshchilov & Hutter 2019, Algorithm 2. All slices `[n]`.
@@ -28,6 +30,10 @@ pub fn step<R: Real>(c: &Adam<R>, param: &mut [R], v_param: &[R], exp_avg: &mut 
         exp_avg[i] = c.beta1 * exp_avg[i] + (one - c.beta1) * v_param[i];
         exp_avg_sq[i] = c.beta2 * exp_avg_sq[i] + (one - c.beta2) * v_param[i] * v_param[i];
         let update = (exp_avg[i] / c.bias1) / ((exp_avg_sq[i] / c.bias2).sqrt() + c.eps);
-        param[i] = c.keep * param[i] - c.lr * update;
+        let lr = match c.tail {
+            Some((row, head, lr)) if i % row >= head => lr,
+            _ => c.lr,
+        };
+        param[i] = c.keep * param[i] - lr * update;
     }
 }

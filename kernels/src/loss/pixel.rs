@@ -1,0 +1,67 @@
+//! Mean squared and mean absolute difference of colours, in one pass.
+
+use crate::loss::sum::{PARTIALS_PER_GROUP, PER_INVOCATION, SumScratch, finish};
+use crate::loss::{PixelPair, Term};
+use crate::registry::loss::pixel_step;
+use crate::shape::dim;
+use crate::{Buffer, Grid, KernelError, Recorder};
+
+const KERNEL: &str = "loss/pixel";
+/// Values that [`step`] leaves, from its slot on: the mean square, then the mean absolute difference.
+pub const VALUES: usize = 2;
+
+/// Weights of both losses in the gradient.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelWeights {
+    /// On the mean square.
+    pub square: f32,
+    /// On the mean absolute difference.
+    pub absolute: f32,
+}
+
+/// Values and gradient over three colour channels; the fourth channel is not read.
+///
+/// # Shapes
+/// in `pair`: `image` [.,4] and `reference` [.,4], n pixels of each ·
+/// out `v_image` like `image`, those pixels (=) or (+=), fourth channel 0 · `term.values`, [`VALUES`] elements (=);
+/// `term.weight` is a factor on both weights
+/// # Equation: Σ (x − y)² / 3n and Σ |x − y| / 3n; the derivative of the latter at equality is 0
+/// # Determinism: bitwise; sums in a fixed order, no atomics
+///
+/// # Errors
+/// [`KernelError::Shape`] before anything is recorded.
+pub fn step(
+    rec: &mut Recorder,
+    (pair, weights): (&PixelPair<'_>, PixelWeights),
+    v_image: &mut Buffer<f32>,
+    term: Term<'_>,
+    scratch: &mut SumScratch,
+) -> Result<(), KernelError> {
+    pair.check(KERNEL, v_image)?;
+    term.slots(KERNEL, VALUES)?;
+    let groups = scratch.groups(KERNEL, pair.num_px)?;
+    let mean = 1.0 / (pair.num_px.max(1) as f32 * 3.0);
+    let params = pixel_step::Params {
+        n: dim(pair.num_px),
+        image_px: dim(pair.image_px),
+        reference_px: dim(pair.reference_px),
+        square_scale: term.weight * weights.square * mean,
+        absolute_scale: term.weight * weights.absolute * mean,
+    };
+    let spec = pixel_step::Spec { accumulate: term.accumulate.flag(), pixels: PER_INVOCATION };
+    let before = v_image.alias();
+    let bind = pixel_step::Bind {
+        image: pair.image,
+        reference: pair.reference,
+        v_before: &before,
+        v_image,
+        partial: &mut scratch.partial,
+    };
+    rec.dispatch_spec(bind, params, spec, Grid::groups(dim(groups), 1, 1))?;
+    let partials = groups * PARTIALS_PER_GROUP;
+    for value in 0..VALUES {
+        let range = value * partials..(value + 1) * partials;
+        finish(rec, (&scratch.partial, range), mean, (&mut *term.values, term.slot + value))?;
+    }
+    Ok(())
+}
