@@ -73,7 +73,7 @@ impl Bench {
             .warm_up_time(WARM_UP)
             .measurement_time(MEASUREMENT)
             .configure_from_args();
-        let load = crate::report::load();
+        let load = crate::host::load();
         Ok(Self { device: Device::open(&select)?, criterion, rows: Vec::new(), partial: 0, load })
     }
 

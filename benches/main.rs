@@ -7,6 +7,7 @@
 mod clip;
 mod embed;
 mod harness;
+mod host;
 mod image;
 mod loss;
 mod nn;

@@ -1,40 +1,13 @@
 //! The table that a run leaves behind.
 
 use std::fmt::Write;
-use std::path::Path;
-use std::process::Command;
 
 use guard4d_engine::output::{AtomicFile, Existing};
 
 use crate::Outcome;
 use crate::harness::{Bench, Row, SAMPLES, Work};
+use crate::host::{commit, date, load, processor, results};
 use crate::probe::{ARITHMETIC, MEMORY};
-
-/// Load averages of the machine, where it tells them.
-pub(crate) fn load() -> String {
-    let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
-    text.split(' ').take(2).collect::<Vec<_>>().join(" ")
-}
-
-/// First line that a program prints in the repository, if any.
-fn said(program: &str, arguments: &[&str]) -> Option<String> {
-    let output = Command::new(program).args(arguments).current_dir(env!("CARGO_MANIFEST_DIR")).output().ok()?;
-    let text = String::from_utf8(output.stdout).ok()?;
-    text.lines().next().map(|line| line.trim().to_owned())
-}
-
-fn processor() -> String {
-    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model = text.lines().find(|l| l.starts_with("model name")).and_then(|l| l.split(": ").nth(1));
-    let threads = std::thread::available_parallelism().map_or(0, usize::from);
-    format!("{}, {threads} threads", model.unwrap_or("unknown"))
-}
-
-/// Letters and digits, the rest as single dashes.
-fn slug(text: &str) -> String {
-    let words = text.split(|c: char| !c.is_ascii_alphanumeric()).filter(|w| !w.is_empty());
-    words.collect::<Vec<_>>().join("-").to_lowercase()
-}
 
 /// Writes `results.csv` and `summary.md`, unless the command line asked for a part only.
 pub(crate) fn write(bench: &Bench) -> Outcome {
@@ -42,10 +15,8 @@ pub(crate) fn write(bench: &Bench) -> Outcome {
         eprintln!("only a part was measured: no report is written");
         return Ok(());
     }
-    let date = said("date", &["-u", "+%F"]).unwrap_or_else(|| "undated".to_owned());
-    let name = format!("{date}-{}", slug(&bench.device.info().name));
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/results").join(name);
-    for (file, text) in [("results.csv", csv(bench)), ("summary.md", summary(bench, &date))] {
+    let folder = results(&bench.device);
+    for (file, text) in [("results.csv", csv(bench)), ("summary.md", summary(bench))] {
         let path = folder.join(file);
         AtomicFile::write(&path, Existing::Replace, text.as_bytes())?;
         eprintln!("{}", path.display());
@@ -75,16 +46,15 @@ fn csv(bench: &Bench) -> String {
     out
 }
 
-fn summary(bench: &Bench, date: &str) -> String {
+fn summary(bench: &Bench) -> String {
     let info = bench.device.info();
-    let commit = said("git", &["rev-parse", "HEAD"]).unwrap_or_else(|| "unknown".to_owned());
-    let changed = if said("git", &["status", "--porcelain"]).is_some() { " with local changes" } else { "" };
+    let (date, commit) = (date(), commit());
     let layers = if bench.device.is_validated() { "on: wall-clock rows are too slow" } else { "off" };
     let peak = |prefix| bench.peak(prefix).map_or(0.0, |p| p * 1e-9);
     let mut out = format!(
         "# Benchmarks, {date}\n\n\
          - Device: {}; driver: {}; host: {}\n\
-         - Commit: {commit}{changed}; command: `./x bench`; validation layers {layers}\n\
+         - Commit: {commit}; command: `./x bench`; validation layers {layers}\n\
          - Load average over 1 and 5 minutes: {} before, {} after\n\
          - Peaks of this run: {:.1} GFLOP/s multiply and add in registers, {:.1} GB/s memory (the better of a device \
          copy and a kernel of three streams)\n\n\

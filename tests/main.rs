@@ -10,6 +10,7 @@ mod media;
 mod pipeline;
 mod render;
 mod scene;
+mod study;
 mod support;
 mod tidy;
 mod watermark;

@@ -12,8 +12,8 @@ use guard4d_engine::render::OffsetBases;
 use guard4d_engine::scene::Model;
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::delivery::{EXTRACTOR, MARKED, PRIVATE, RECEIPT, UNDO};
-use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, StepReport};
-use guard4d_engine::watermark::evidence::PStatement;
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, StepReport};
+use guard4d_engine::watermark::evidence::{ExtractorMode, PStatement};
 use guard4d_engine::watermark::receipt::Receipt;
 use guard4d_engine::watermark::undo;
 use guard4d_engine::watermark::verify::{Case, Exhibits, clean_clips};
@@ -159,6 +159,26 @@ fn offsets_on_all_coefficients_move_resume_deliver_and_can_be_undone() {
     let undo_file = out.join(PRIVATE).join(UNDO);
     undo::restore(&out.join(MARKED), &undo_file, &restored, Existing::Refuse).expect("restores");
     assert!(bytes(&restored.join(PLY)) == original, "the original, byte for byte");
+}
+
+#[test]
+fn impossible_weights_and_rates_are_refused() {
+    let fine = EmbedConfig::new(Profile::Draft, ExtractorMode::Joint);
+    fine.validate().expect("the profile is possible");
+    for bad in [-1.0, f32::NAN, f32::INFINITY] {
+        for (name, config) in [
+            ("lambda_msg", EmbedConfig { lambda_msg: bad, ..fine.clone() }),
+            ("lambda_recon", EmbedConfig { lambda_recon: bad, ..fine.clone() }),
+            ("lambda_ssim", EmbedConfig { lambda_ssim: bad, ..fine.clone() }),
+            ("lambda_offset", EmbedConfig { lambda_offset: bad, ..fine.clone() }),
+            ("lambda_control", EmbedConfig { lambda_control: bad, ..fine.clone() }),
+            ("lr_dc", EmbedConfig { lr_dc: bad, ..fine.clone() }),
+            ("lr_rest_share", EmbedConfig { lr_rest_share: bad, ..fine.clone() }),
+        ] {
+            let error = config.validate().expect_err("an impossible number");
+            assert!(matches!(&error, EngineError::Usage { what, .. } if what == name), "{error}");
+        }
+    }
 }
 
 /// What every step of an embedding reports.

@@ -21,6 +21,7 @@ fn wrong_usage_ends_with_two() {
     guard4d(&[&"render", &"model", &"--out", &"x", &"--cameras", &"c", &"--orbit", &"3"]).refused(2, &["--orbit"]);
     guard4d(&[&"embed", &"model", &"--out", &"x"]).refused(2, &["--key <KEY>"]);
     guard4d(&[&"embed", &"model", &"--out", &"x", &"--key", &"k", &"--extractor", &"best"]).refused(2, &["joint"]);
+    guard4d(&[&"embed", &"model", &"--out", &"x", &"--key", &"k", &"--bases", &"some"]).refused(2, &["dc, all"]);
     guard4d(&[&"verify", &"--key", &"k", &"--receipt", &"r"]).refused(2, &["<CLIPS>..."]);
     guard4d(&[&"devices", &"--device", &"warp:drive"]).refused(2, &["warp:drive"]);
     guard4d(&[&"dump", &"deform", &"model", &"--time", &"noon", &"--out", &"x"]).refused(2, &["noon"]);

@@ -48,6 +48,28 @@ fn refusals_name_the_limits() {
 }
 
 #[test]
+fn half_of_the_bits_flip_and_each_as_often() {
+    const DRAWS: u32 = 2000;
+    let mut rng = prf(5).stream(Purpose::SwapMessage, 0);
+    for num_bits in 1..=128 {
+        let message = Message::random(num_bits, &mut rng).expect("a length");
+        let other = message.half_flipped(&mut rng);
+        assert_eq!(message.hamming(&other).expect("equal lengths"), num_bits / 2, "{num_bits} bits");
+    }
+    let message = Message::from_value(0, 16).expect("sixteen bits");
+    let mut flips = [0_u32; 16];
+    for _ in 0..DRAWS {
+        for (count, bit) in flips.iter_mut().zip(message.half_flipped(&mut rng).bits()) {
+            *count += u32::from(bit);
+        }
+    }
+    // Five standard deviations of a fair coin's count.
+    let spread = 5.0 * f64::from(DRAWS).sqrt() / 2.0;
+    let fair = flips.iter().all(|&n| (f64::from(n) - f64::from(DRAWS) / 2.0).abs() < spread);
+    assert!(fair, "{flips:?}");
+}
+
+#[test]
 fn distance_and_inversion() {
     let message = Message::from_value(0b1011, 4).expect("four bits");
     assert_eq!(message.inverted().value(), 0b0100);

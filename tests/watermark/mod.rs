@@ -1,4 +1,5 @@
 mod calibration;
+mod cross_examination;
 mod decoder;
 mod evidence;
 mod message;

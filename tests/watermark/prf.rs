@@ -34,6 +34,7 @@ fn streams_differ_by_key_purpose_and_index() {
         Purpose::Embedding,
         Purpose::ControlNoise,
         Purpose::NullMessages,
+        Purpose::SwapMessage,
         Purpose::MessageMac,
         Purpose::KeyId,
     ];

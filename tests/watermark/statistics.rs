@@ -73,6 +73,15 @@ fn chance_band_is_two_sided() {
 }
 
 #[test]
+fn chance_band_serves_the_bits_of_many_clips() {
+    // Exact rational arithmetic gives these; 128 bits is where the integers end and the logarithms begin.
+    let rows = [(96, 35..=61), (128, 49..=79), (144, 57..=87), (192, 78..=114), (288, 122..=166), (768, 348..=420)];
+    for (num_bits, want) in rows {
+        assert_eq!(chance_band(num_bits, 0.99).expect("a confidence"), want, "{num_bits} bits");
+    }
+}
+
+#[test]
 fn empirical_bound_never_claims_more_than_was_tried() {
     assert!(same(empirical_fpr_bound(0, 999), 1e-3, 1e-15), "1000 clips support 1e-3");
     assert_eq!(empirical_fpr_bound(0, 0), 1.0);

@@ -9,6 +9,7 @@ use super::extractor::{ExtractorWeights, Reader};
 use super::key::Key;
 use super::message::Message;
 use super::metrics::{Picture, PsnrSummary, SquaredError, foreground, ssim};
+use super::null_panel::Leak;
 use super::prf::{Purpose, standard_normal};
 use super::reading::Reading;
 use crate::clip::Clip;
@@ -21,6 +22,8 @@ use crate::scene::{Camera, CameraSet, Gaussians, Model};
 const FOREGROUND_TRANSMITTANCE: f32 = 0.5;
 /// Standard deviation of the noisy control at verification.
 const NOISE_SIGMA: f64 = 0.02;
+/// Confidence of the band that controls are compared with.
+const BAND: f64 = 0.99;
 
 /// Frames of one camera set before and after marking.
 #[derive(Debug)]
@@ -51,8 +54,12 @@ pub struct Evaluation {
     pub matches: Vec<u32>,
     /// Share of the message's bits that clean clips show.
     pub clean: f64,
+    /// The same count against what chance gives.
+    pub clean_leak: Leak,
     /// The same with noise on the clean clips.
     pub noisy: f64,
+    /// The same count against what chance gives.
+    pub noisy_leak: Leak,
     /// Whole-frame fidelity.
     pub psnr: PsnrSummary,
     /// Fidelity of the object alone.
@@ -88,6 +95,14 @@ impl HeldOut {
         Ok(out)
     }
 
+    /// Whole-frame fidelity.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] without a frame.
+    pub fn psnr(&self) -> Result<PsnrSummary, EngineError> {
+        summary(self.errors.iter().map(|(whole, _)| *whole))
+    }
+
     /// Reads the message from marked, clean and noisy clips.
     ///
     /// # Errors
@@ -112,12 +127,6 @@ impl HeldOut {
         let noisy = read_clips(&mut reader, &noisy, key.bits())?;
         let matches = marked.iter().map(|r| r.matches(message)).collect::<Result<Vec<_>, _>>()?;
         let frames = marked.iter().map(|r| r.frame_accuracy(message)).collect::<Result<Vec<_>, _>>()?;
-        let (whole, object): (Vec<_>, Vec<_>) = self.errors.iter().copied().unzip();
-        let nothing = || EngineError::Usage {
-            what: "held-out cameras".to_owned(),
-            got: "no frame".to_owned(),
-            expected: "at least one view at one time".to_owned(),
-        };
         Ok(Evaluation {
             mode: extractor.mode,
             clips: marked.len(),
@@ -126,12 +135,22 @@ impl HeldOut {
             marked_frames: frames.iter().map(|f| f.mean).sum::<f64>() / frames.len().max(1) as f64,
             matches,
             clean: mean_accuracy(&clean, message)?,
+            clean_leak: leak(&clean, message)?,
             noisy: mean_accuracy(&noisy, message)?,
-            psnr: PsnrSummary::of(&whole).ok_or_else(nothing)?,
-            foreground_psnr: PsnrSummary::of(&object).ok_or_else(nothing)?,
+            noisy_leak: leak(&noisy, message)?,
+            psnr: self.psnr()?,
+            foreground_psnr: summary(self.errors.iter().map(|(_, object)| *object))?,
             ssim: self.ssim.iter().sum::<f64>() / self.ssim.len().max(1) as f64,
         })
     }
+}
+
+fn summary(errors: impl Iterator<Item = SquaredError>) -> Result<PsnrSummary, EngineError> {
+    PsnrSummary::of(&errors.collect::<Vec<_>>()).ok_or_else(|| EngineError::Usage {
+        what: "held-out cameras".to_owned(),
+        got: "no frame".to_owned(),
+        expected: "at least one view at one time".to_owned(),
+    })
 }
 
 /// Readings of clips, one each.
@@ -153,6 +172,21 @@ pub fn mean_accuracy(readings: &[Reading], message: &Message) -> Result<f64, Eng
         sum += reading.decoded().bit_accuracy(message)?;
     }
     Ok(sum / readings.len().max(1) as f64)
+}
+
+/// Bits of `message` that the readings show, all together, against the two-sided 99 % band of as many coin flips.
+///
+/// Clips of one asset and key are not independent of one another, so chance leaves this band more often than that.
+///
+/// # Errors
+/// [`EngineError::Usage`] when lengths differ.
+pub fn leak(readings: &[Reading], message: &Message) -> Result<Leak, EngineError> {
+    let (mut matches, mut bits) = (0, 0);
+    for reading in readings {
+        matches += reading.matches(message)?;
+        bits += message.num_bits();
+    }
+    Leak::measure(matches, bits, BAND)
 }
 
 /// Number of its clip, width, height and pixels `[H,W,4]` of one frame.

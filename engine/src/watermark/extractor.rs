@@ -166,6 +166,12 @@ impl FeatureExtractor {
         self.tower.image_size()
     }
 
+    /// Clips that are read at once.
+    #[must_use]
+    pub fn branches(&self) -> usize {
+        self.branches
+    }
+
     /// Floats of a resized clip.
     #[must_use]
     pub fn clip_len(&self) -> usize {

@@ -79,6 +79,22 @@ impl Message {
         Self { value: !self.value & mask(self.num_bits), num_bits: self.num_bits }
     }
 
+    /// A message that differs in half of the bits (rounded down), chosen at random: whoever reads one of the two
+    /// messages perfectly reads the other at chance.
+    #[must_use]
+    pub fn half_flipped(&self, rng: &mut impl Rng) -> Self {
+        let mut value = self.value;
+        let mut left = self.num_bits / 2;
+        for bit in 0..self.num_bits {
+            // Each remaining bit is as likely as the others to be among those left to flip.
+            if u64::from(left) * (1 << 32) > (rng.next_u64() >> 32) * u64::from(self.num_bits - bit) {
+                value ^= 1 << bit;
+                left -= 1;
+            }
+        }
+        Self { value, num_bits: self.num_bits }
+    }
+
     /// Number of differing bits.
     ///
     /// # Errors

@@ -2,6 +2,7 @@
 
 pub mod calibration;
 pub mod capacity;
+pub mod cross_examination;
 pub mod decoder;
 mod decoder_training;
 pub mod delivery;

@@ -88,6 +88,12 @@ pub struct Leak {
 }
 
 impl Leak {
+    /// Share of the bits that match.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        f64::from(self.matches) / f64::from(self.num_bits)
+    }
+
     /// Compares a match count with the band that chance keeps to with probability `confidence`.
     ///
     /// # Errors

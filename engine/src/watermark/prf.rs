@@ -92,6 +92,8 @@ pub enum Purpose {
     ControlNoise,
     /// Messages of the null panel.
     NullMessages,
+    /// Message of the second copy in a message swap.
+    SwapMessage,
     /// MAC over the embedded message.
     MessageMac,
     /// Public key identifier.
@@ -113,6 +115,7 @@ impl Purpose {
             Self::Embedding => "embedding",
             Self::ControlNoise => "control-noise",
             Self::NullMessages => "null-messages",
+            Self::SwapMessage => "swap-message",
             Self::MessageMac => "message-mac",
             Self::KeyId => "key-id",
         }

@@ -41,6 +41,9 @@ pub fn required_matches(num_bits: u32, fpr: f64) -> Option<u32> {
 /// most (1 − confidence)/2 on either side. A count outside it on *either* side says something about
 /// the message: bits that are consistently wrong tell as much as bits that are right.
 ///
+/// Up to [`MAX_MESSAGE_BITS`] it is exact; beyond, for the bits of several clips together, its tails have
+/// [`binomial_tail`]'s accuracy.
+///
 /// # Errors
 /// [`EngineError::Usage`] unless `confidence` is in [0, 1).
 pub fn chance_band(num_bits: u32, confidence: f64) -> Result<std::ops::RangeInclusive<u32>, EngineError> {
@@ -51,8 +54,17 @@ pub fn chance_band(num_bits: u32, confidence: f64) -> Result<std::ops::RangeIncl
             expected: "0 to 1, without 1".to_owned(),
         });
     }
-    let above = required_matches(num_bits, (1.0 - confidence) / 2.0);
-    let high = above.map_or(num_bits, |k| k.saturating_sub(1));
+    let tail = |matches| match num_bits {
+        0..=MAX_MESSAGE_BITS => match_p_value(matches, num_bits),
+        _ => binomial_tail(matches, num_bits, 0.5),
+    };
+    // The tail falls with the count, so the first count below the rate is found by bisection.
+    let (mut low, mut above) = (0, num_bits + 1);
+    while low < above {
+        let middle = low + (above - low) / 2;
+        if tail(middle) <= (1.0 - confidence) / 2.0 { above = middle } else { low = middle + 1 }
+    }
+    let high = above.saturating_sub(1);
     Ok(num_bits - high..=high)
 }
 

@@ -14,7 +14,8 @@ use crate::tensor_file::{Tensor, TensorFile};
 const FORMAT: &str = "guard4d.checkpoint/1";
 
 impl Embedding<'_> {
-    /// What a checkpoint must agree with: settings, key, message and the unmarked coefficients.
+    /// What a checkpoint must agree with: settings, key, message, the unmarked coefficients and a given
+    /// extractor.
     fn identity(&self) -> String {
         let settings = serde_json::to_string(&self.config).expect("numbers and words are valid JSON");
         let mut hasher = blake3::Hasher::new();
@@ -22,6 +23,9 @@ impl Embedding<'_> {
         hasher.update(self.subject.key.prf().key_id().to_string().as_bytes());
         hasher.update(self.subject.message.commitment(&self.subject.key.prf()).to_string().as_bytes());
         hasher.update(bytemuck::cast_slice(&self.subject.model.gaussians.sh_coeffs));
+        if let Some(frozen) = &self.frozen {
+            hasher.update(frozen.to_string().as_bytes());
+        }
         hasher.finalize().to_string()
     }
 

@@ -3,6 +3,7 @@
 mod checkpoint;
 mod clips;
 mod config;
+mod cost;
 mod fit;
 mod step;
 
@@ -14,6 +15,7 @@ use guard4d_kernels::loss::ssim::SsimScratch;
 use rand_chacha::ChaCha20Rng;
 
 pub use config::{Control, EmbedConfig, Profile};
+pub use cost::StepPart;
 pub use step::StepReport;
 
 use crate::clip::{Clip, Purpose};
@@ -25,6 +27,7 @@ use crate::scene::gaussians::{CHANNELS, SH_FLOATS};
 use crate::scene::{CameraSet, Model};
 use crate::train::schedule::cosine;
 use crate::watermark::decoder::Decoder;
+use crate::watermark::digest::Digest;
 use crate::watermark::evidence::ExtractorMode;
 use crate::watermark::extractor::{CLIP_FRAMES, ExtractorWeights, FeatureExtractor};
 use crate::watermark::key::Key;
@@ -69,6 +72,15 @@ pub struct Subject<'a> {
     pub message: &'a Message,
 }
 
+/// Where the extractor comes from that an embedding optimises the offsets through.
+#[derive(Clone, Copy, Debug)]
+pub enum Start<'a> {
+    /// It is fitted to the unmarked asset; `joint` then goes on training its R.
+    Fit,
+    /// This one, which stays as it is: another copy of an asset for the extractor that reads the first one.
+    Frozen(&'a ExtractorWeights),
+}
+
 /// Whether to go on; asked after every step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Next {
@@ -86,6 +98,8 @@ pub struct Embedding<'a> {
     stage: Stage,
     critic: Critic,
     weights: ExtractorWeights,
+    /// Hash of an extractor that was given.
+    frozen: Option<Digest>,
     mean_mse: Option<f32>,
     keep: f32,
     step: usize,
@@ -99,6 +113,14 @@ impl<'a> Embedding<'a> {
     /// # Errors
     /// [`EngineError::Usage`] for impossible settings; when memory runs out or the device fails.
     pub fn prepare(subject: Subject<'a>, config: EmbedConfig) -> Result<Self, EngineError> {
+        Self::prepare_with(subject, config, Start::Fit)
+    }
+
+    /// The same with a choice of extractor.
+    ///
+    /// # Errors
+    /// As [`Embedding::prepare`]; [`EngineError::Usage`] for a frozen extractor of another mode than the settings'.
+    pub fn prepare_with(subject: Subject<'a>, config: EmbedConfig, start: Start<'_>) -> Result<Self, EngineError> {
         config.validate()?;
         let Subject { device, clip, key, model, message } = subject;
         let mut seconds = BTreeMap::new();
@@ -109,8 +131,12 @@ impl<'a> Embedding<'a> {
         seconds.insert("plan".to_owned(), started.elapsed().as_secs_f64());
 
         let started = Instant::now();
-        let weights = fit::extractor(device, clip, key, &config, &clips, &mut stage)?;
-        let branches = config.branches();
+        let (weights, branches, frozen) = match start {
+            Start::Fit => (fit::extractor(device, clip, key, &config, &clips, &mut stage)?, config.branches(), None),
+            // The control losses say nothing about offsets, and R is not to be trained.
+            Start::Frozen(given) => (given.clone(), 1, Some(given.digest(key)?)),
+        };
+        check_mode(&config, &weights)?;
         let features = FeatureExtractor::new(device, clip, weights.tmsd.as_ref(), branches, Purpose::InputGradient)?;
         let decoder = Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;
         let critic = Critic::new(device, features, decoder, message, &config)?;
@@ -123,12 +149,19 @@ impl<'a> Embedding<'a> {
             stage,
             critic,
             weights,
+            frozen,
             mean_mse: None,
             keep: 1.0,
             step: 0,
             seconds,
             device_seconds: BTreeMap::new(),
         })
+    }
+
+    /// The extractor as it was before the first step: for `joint` the last state that never saw the message.
+    #[must_use]
+    pub fn fitted(&self) -> &ExtractorWeights {
+        &self.weights
     }
 
     /// Steps taken so far.
@@ -202,6 +235,18 @@ impl<'a> Embedding<'a> {
             steps: self.step,
         })
     }
+}
+
+/// Refuses an extractor of another mode than the settings ask for.
+fn check_mode(config: &EmbedConfig, weights: &ExtractorWeights) -> Result<(), EngineError> {
+    if weights.mode == config.mode {
+        return Ok(());
+    }
+    Err(EngineError::Usage {
+        what: "mode of the given extractor".to_owned(),
+        got: format!("{:?}", weights.mode).to_lowercase(),
+        expected: format!("{:?}", config.mode).to_lowercase(),
+    })
 }
 
 /// Coefficients plus offsets; those with an offset of zero keep their bits, also those of a negative zero.

@@ -20,7 +20,6 @@ use crate::render::{OffsetBases, Offsets, Renderer};
 use crate::scene::Model;
 use crate::scene::gaussians::CHANNELS;
 use crate::watermark::decoder::{Decoder, DecoderPass};
-use crate::watermark::evidence::ExtractorMode;
 use crate::watermark::extractor::{CLIP_FRAMES, FeatureExtractor, Training};
 use crate::watermark::message::Message;
 
@@ -166,7 +165,7 @@ impl Critic {
         message: &Message,
         config: &EmbedConfig,
     ) -> Result<Self, EngineError> {
-        let branches = config.branches();
+        let branches = features.branches();
         let bits: Vec<f32> = message.bits().map(|b| f32::from(u8::from(b))).collect();
         let branch = || -> Result<Branch, KernelError> {
             Ok(Branch {
@@ -191,6 +190,11 @@ impl Critic {
             features,
             decoder,
         })
+    }
+
+    /// R is trained exactly when control branches hold it back.
+    fn training(&self) -> Training {
+        if self.branches.len() > 1 { Training::Tmsd } else { Training::Frozen }
     }
 
     /// One step on `clip`. Returns what it saw before the update, and the device time of every pass.
@@ -250,7 +254,7 @@ impl Critic {
         config: &EmbedConfig,
         rates: Rates,
     ) -> Result<(), KernelError> {
-        if config.mode == ExtractorMode::Joint {
+        if self.training() == Training::Tmsd {
             let noise = Noise { sigma: rates.sigma, seed: config.seed, stream: rates.stream };
             noise::forward(rec, &noise, &clip.reference, &mut stage.noisy)?;
             let scratch = &mut stage.resize_scratch;
@@ -289,7 +293,7 @@ impl Critic {
         config: &EmbedConfig,
         rates: Rates,
     ) -> Result<(), EngineError> {
-        let training = if config.mode == ExtractorMode::Joint { Training::Tmsd } else { Training::Frozen };
+        let training = self.training();
         self.decoder.backward(rec, &mut self.pass)?;
         self.features.backward(rec, &self.pass.v_features, training)?;
         let into = (&mut stage.v_marked, Accumulate::Add);

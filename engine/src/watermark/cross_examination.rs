@@ -1,0 +1,155 @@
+//! Where the message lives: in the asset, or in the extractor.
+//!
+//! An extractor that was trained with a message can print it whatever it is shown. What it says where the message
+//! is not, and whether another copy makes it say something else, tells the two cases apart.
+
+use serde::Serialize;
+
+use super::delivery::thresholds;
+use super::embed::Subject;
+use super::evaluate::{HeldOut, leak, read_clips};
+use super::evidence::{Claim, Evidence, judge};
+use super::extractor::{ExtractorWeights, Reader};
+use super::key::Key;
+use super::message::{Message, Payload};
+use super::null_panel::{Control, ControlKind, Leak};
+use super::prf::Purpose;
+use super::reading::Reading;
+use crate::error::EngineError;
+use crate::media::Frame;
+
+/// An unmarked scene that has nothing to do with the asset.
+#[derive(Clone, Copy, Debug)]
+pub struct OtherScene<'a> {
+    /// For the report.
+    pub name: &'a str,
+    /// Clips of clean 8-bit frames.
+    pub clips: &'a [Vec<Frame>],
+}
+
+/// What a finished extractor is confronted with.
+#[derive(Clone, Copy, Debug)]
+pub struct Witnesses<'a> {
+    /// Unmarked scenes.
+    pub scenes: &'a [OtherScene<'a>],
+    /// A key of as many bits that had no part in the embedding.
+    pub stranger: &'a Key,
+    /// The extractor before it was trained, if it was; see [`super::embed::Embedding::fitted`].
+    pub untrained: Option<&'a ExtractorWeights>,
+}
+
+/// What the extractor said.
+#[derive(Clone, Debug, Serialize)]
+pub struct CrossExamination {
+    /// All marked frames as one suspect clip, with every other reading as a control.
+    pub evidence: Evidence,
+    /// Bits of the message in other scenes' clips; none without other scenes.
+    pub other_scenes: Option<Leak>,
+    /// Bits of the message in the marked clips, read by the same extractor with the stranger's key: what the private
+    /// extractor file gives away by itself, since its calibration assigns directions to bits.
+    pub wrong_key: Leak,
+    /// Bits of the stranger's own message there: at chance.
+    pub wrong_key_own: Leak,
+    /// Bits of the message in the marked clips, read by the untrained extractor: what the asset alone carries.
+    pub untrained: Option<Leak>,
+}
+
+/// Confronts an extractor with the marked clips and with what carries no mark.
+///
+/// # Errors
+/// [`EngineError::Usage`] when keys, checkpoint and message lengths do not fit; when the device fails.
+pub fn cross_examine(
+    subject: &Subject<'_>,
+    extractor: &ExtractorWeights,
+    held_out: &HeldOut,
+    witnesses: &Witnesses<'_>,
+) -> Result<CrossExamination, EngineError> {
+    let (message, bits) = (subject.message, subject.key.bits());
+    let read = |key: &Key, extractor: &ExtractorWeights, clips: &[Vec<Frame>]| {
+        read_clips(&mut Reader::new(subject.device, subject.clip, key, extractor)?, clips, bits)
+    };
+    let mut controls = Vec::new();
+    for (i, reading) in read(subject.key, extractor, &held_out.clean)?.into_iter().enumerate() {
+        let name = format!("clean view {i}");
+        controls.push(Control { kind: ControlKind::CleanRender, name, reading, message: *message });
+    }
+    let mut elsewhere = Vec::new();
+    for scene in witnesses.scenes {
+        for (i, reading) in read(subject.key, extractor, scene.clips)?.into_iter().enumerate() {
+            let name = format!("{} {i}", scene.name);
+            elsewhere.push(reading.clone());
+            controls.push(Control { kind: ControlKind::UnrelatedClip, name, reading, message: *message });
+        }
+    }
+    let stranger = witnesses.stranger;
+    let strange = read(stranger, extractor, &held_out.marked)?;
+    let own = Payload::Random(message.num_bits()).message(&stranger.prf())?;
+    for (i, reading) in strange.iter().cloned().enumerate() {
+        let name = format!("view {i}");
+        controls.push(Control { kind: ControlKind::OtherKey, name, reading, message: own });
+    }
+    let untrained = witnesses.untrained.map(|e| leak(&read(subject.key, e, &held_out.marked)?, message)).transpose()?;
+    Ok(CrossExamination {
+        evidence: evidence(subject, extractor, held_out, &controls)?,
+        other_scenes: if elsewhere.is_empty() { None } else { Some(leak(&elsewhere, message)?) },
+        wrong_key: leak(&strange, message)?,
+        wrong_key_own: leak(&strange, &own)?,
+        untrained,
+    })
+}
+
+/// Judges all marked frames as one clip.
+fn evidence(
+    subject: &Subject<'_>,
+    extractor: &ExtractorWeights,
+    held_out: &HeldOut,
+    controls: &[Control],
+) -> Result<Evidence, EngineError> {
+    let mut reader = Reader::new(subject.device, subject.clip, subject.key, extractor)?;
+    let mut logits = Vec::new();
+    for clip in &held_out.marked {
+        logits.extend(reader.logits(clip)?);
+    }
+    let sides = held_out.marked.iter().flatten().map(|frame| frame.width().min(frame.height()));
+    let claim = Claim {
+        message: *subject.message,
+        mode: extractor.mode,
+        reading: &Reading::from_logits(&logits, subject.message.num_bits())?,
+        side_px: sides.min().unwrap_or(0),
+        controls,
+    };
+    judge(&claim, &thresholds(subject.key.bits()), &subject.key.prf())
+}
+
+/// The message of the second copy in a swap: it shares half of its bits with the first one's.
+///
+/// Whoever recites the first message then reads the second at chance, and whoever reads the second reads the first
+/// at chance.
+#[must_use]
+pub fn swap_message(message: &Message, key: &Key) -> Message {
+    message.half_flipped(&mut key.prf().stream(Purpose::SwapMessage, u64::from(message.num_bits())))
+}
+
+/// What the extractor of one copy reads from a second copy with another message.
+#[derive(Clone, Debug, Serialize)]
+pub struct Swap {
+    /// Bits of the second copy's message: high if copies carry their messages, at chance if the extractor does.
+    pub second: Leak,
+    /// Bits of the first copy's message: at chance if copies carry their messages, high if the extractor does.
+    pub first: Leak,
+}
+
+/// Reads a second copy of the subject's asset, which carries `second`, through the extractor of the first.
+///
+/// # Errors
+/// As [`cross_examine`].
+pub fn read_swap(
+    subject: &Subject<'_>,
+    extractor: &ExtractorWeights,
+    copy: &HeldOut,
+    second: &Message,
+) -> Result<Swap, EngineError> {
+    let mut reader = Reader::new(subject.device, subject.clip, subject.key, extractor)?;
+    let readings = read_clips(&mut reader, &copy.marked, subject.key.bits())?;
+    Ok(Swap { second: leak(&readings, second)?, first: leak(&readings, subject.message)? })
+}

@@ -1,0 +1,135 @@
+//! Frozen extractors, where the message lives, and what a step costs.
+
+use guard4d_engine::media::frames::write_png_folder;
+use guard4d_engine::media::{ReadOptions, read_clip};
+use guard4d_engine::watermark::cross_examination::{OtherScene, Witnesses, cross_examine, read_swap, swap_message};
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Start, StepPart, Subject};
+use guard4d_engine::watermark::evaluate::{HeldOut, leak};
+use guard4d_engine::watermark::evidence::{ExtractorMode, PStatement};
+use guard4d_engine::watermark::message::Message;
+use guard4d_engine::watermark::null_panel::{ControlKind, ControlState};
+use guard4d_engine::watermark::reading::Reading;
+
+use crate::support::gpu::{Gpu, device};
+use crate::support::owner::{BITS, Owner, cameras};
+
+fn joint(owner: &Owner) -> EmbedConfig {
+    // Every loss, so that every kernel of a step runs.
+    EmbedConfig { mode: ExtractorMode::Joint, steps: 2, lambda_recon: 1.0, lambda_offset: 1.0, ..owner.config.clone() }
+}
+
+fn run(mut embedding: Embedding<'_>) -> Embedded {
+    while embedding.step().expect("steps").is_some() {}
+    embedding.finish().expect("finishes")
+}
+
+fn shoot(gpu: &Gpu, owner: &Owner, embedded: &Embedded) -> HeldOut {
+    HeldOut::shoot(gpu, &owner.model, &embedded.sh_coeffs, &cameras()).expect("films")
+}
+
+/// Every kernel of a step belongs to a part, and every part takes time.
+fn assert_parts(embedded: &Embedded) {
+    let strays: Vec<_> = embedded.device_seconds.keys().filter(|k| StepPart::of(k) == StepPart::Other).collect();
+    assert!(strays.is_empty(), "{strays:?}");
+    let parts = embedded.part_seconds();
+    for part in StepPart::ALL.into_iter().filter(|p| *p != StepPart::Other) {
+        assert!(parts[&part] > 0.0, "{} takes time", part.name());
+    }
+    let (sum, whole) = (parts.values().sum::<f64>(), embedded.device_seconds.values().sum::<f64>());
+    // The same terms in another order.
+    assert!((sum - whole).abs() <= 1e-9 * whole, "{sum} of {whole} s");
+}
+
+#[test]
+fn a_frozen_extractor_stays_as_it_is_and_reads_the_second_copy() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let subject = owner.subject(&gpu);
+    let embedding = Embedding::prepare(subject, joint(&owner)).expect("prepares");
+    let fitted = embedding.fitted().clone();
+    let first = run(embedding);
+    assert_parts(&first);
+    assert!(fitted.tmsd != first.extractor.tmsd, "joint trains R");
+    assert_eq!(fitted.calibration, first.extractor.calibration);
+
+    let message = swap_message(&owner.message, &owner.key);
+    assert_eq!(owner.message.hamming(&message).expect("equal lengths"), BITS / 2);
+    let other = Subject { message: &message, ..subject };
+    let frozen = Start::Frozen(&first.extractor);
+    let second = run(Embedding::prepare_with(other, joint(&owner), frozen).expect("prepares"));
+    assert_eq!(second.extractor, first.extractor, "nothing of it is trained");
+    assert!(second.sh_coeffs != first.sh_coeffs, "another message, another mark");
+    let parts = second.part_seconds();
+    assert!(parts[&StepPart::Tmsd] > 0.0 && parts[&StepPart::Other] == 0.0, "{parts:?}");
+
+    let swap = read_swap(&subject, &first.extractor, &shoot(&gpu, &owner, &second), &message).expect("reads");
+    assert_eq!([swap.second.num_bits, swap.first.num_bits], [BITS; 2], "one clip");
+    // The messages agree in half of the bits, so a bit that is read agrees with exactly one where they differ.
+    assert_eq!((swap.second.matches + swap.first.matches) % 2, 0, "{swap:?}");
+
+    let blind = Embedding::prepare_with(subject, owner.config.clone(), frozen);
+    let refused = blind.err().expect("a joint extractor cannot pass for a blind one");
+    assert_eq!(refused.exit_code(), 2, "{refused}");
+}
+
+#[test]
+fn a_cross_examination_hears_every_witness() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let subject = owner.subject(&gpu);
+    for config in [owner.config.clone(), joint(&owner)] {
+        let embedding = Embedding::prepare(subject, config.clone()).expect("prepares");
+        let fitted = embedding.fitted().clone();
+        let embedded = run(embedding);
+        let held_out = shoot(&gpu, &owner, &embedded);
+        let scenes = [OtherScene { name: "other", clips: &held_out.clean }];
+        let witnesses = Witnesses { scenes: &scenes, stranger: &owner.key, untrained: Some(&fitted) };
+        let said = cross_examine(&subject, &embedded.extractor, &held_out, &witnesses).expect("reads");
+        assert!(said.evidence.panel.not_run.is_empty(), "all kinds of control: {:?}", said.evidence.panel.not_run);
+        let kinds: Vec<_> = said.evidence.panel.supplied.iter().map(|c| c.kind).collect();
+        assert_eq!(kinds, [ControlKind::CleanRender, ControlKind::UnrelatedClip, ControlKind::OtherKey]);
+        assert_eq!(said.evidence.num_frames, 2);
+        let exact = matches!(said.evidence.p_value, PStatement::Exact { .. });
+        assert_eq!(exact, config.mode != ExtractorMode::Joint, "joint has no p-value");
+        // One clip: the whole reading is the clip's, and the stranger is the owner.
+        assert_eq!(said.wrong_key.matches, said.evidence.matches);
+        let evaluation =
+            held_out.evaluate(&gpu, &owner.clip, &owner.key, &embedded.extractor, &owner.message).expect("reads");
+        assert_eq!(vec![said.evidence.matches], evaluation.matches);
+        let elsewhere = said.other_scenes.expect("there is another scene");
+        assert_eq!(elsewhere, evaluation.clean_leak, "the other scene is the clean one");
+        let untrained = said.untrained.expect("it was given");
+        assert!(config.mode == ExtractorMode::Joint || untrained == said.wrong_key, "blind is never trained");
+    }
+}
+
+#[test]
+fn frames_are_what_a_png_folder_gives_back() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let marked: Vec<f32> = owner.model.gaussians.sh_coeffs.iter().map(|h| h * 1.01).collect();
+    let held_out = HeldOut::shoot(&gpu, &owner.model, &marked, &cameras()).expect("films");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    for (name, clips) in [("marked", &held_out.marked), ("clean", &held_out.clean)] {
+        for (i, clip) in clips.iter().enumerate() {
+            let path = folder.path().join(format!("{name}{i}"));
+            write_png_folder(&path, clip).expect("writable");
+            let decoded = read_clip(&path, &ReadOptions::default()).expect("our own frames");
+            assert!(decoded.frames() == clip.as_slice(), "{name} clip {i} is the same after PNG");
+        }
+    }
+}
+
+#[test]
+fn clips_are_counted_together() {
+    let message = Message::from_value(0xb0, BITS).expect("eight bits");
+    let reading = |m: Message| {
+        let logits: Vec<f32> = m.bits().map(|b| if b { 1.0 } else { -1.0 }).collect();
+        Reading::from_logits(&logits, BITS).expect("finite")
+    };
+    let (right, wrong) = (reading(message), reading(message.inverted()));
+    let mixed = leak(&[vec![right.clone(); 10], vec![wrong; 10]].concat(), &message).expect("equal lengths");
+    assert_eq!((mixed.matches, mixed.num_bits, mixed.state), (10 * BITS, 20 * BITS, ControlState::Quiet));
+    let one_sided = leak(&vec![right; 20], &message).expect("equal lengths");
+    assert_eq!((one_sided.share(), one_sided.state), (1.0, ControlState::Fires));
+}
