@@ -24,12 +24,16 @@ const EXIT_CODES: &str = "Exit codes:
   65  an input's content is wrong          66  an input is missing
   69  no suitable device or program        70  internal error
   73  an output cannot be created          74  reading or writing failed
-  75  interrupted, checkpoint written      76  the device was lost";
+  75  interrupted; embed left a checkpoint 76  the device was lost";
 
 /// Flags of every subcommand.
 #[derive(Args, Debug)]
 pub(crate) struct Common {
     /// Vulkan device: auto, cpu, a number of `guard4d devices`, name:…, uuid:… or pci:…
+    ///
+    /// `auto` takes the GPU that a scheduler assigned (CUDA_VISIBLE_DEVICES, ROCR_VISIBLE_DEVICES, HIP_VISIBLE_DEVICES,
+    /// GPU_DEVICE_ORDINAL, SLURM_JOB_GPUS, CUE_GPU_CORES, PARALLEL_JOBSLOT: numbers in PCI order, or a UUID), else the only
+    /// GPU, else the processor. `guard4d devices` marks the one that it takes.
     #[arg(long, global = true, default_value = "auto", env = "GUARD4D_DEVICE")]
     pub(crate) device: DeviceSelect,
     /// Print results as JSON on stdout
@@ -174,9 +178,21 @@ pub(crate) struct EmbedArgs {
     /// Training steps instead of the profile's
     #[arg(long)]
     pub(crate) steps: Option<u32>,
+    /// Training clips instead of the profile's
+    #[arg(long)]
+    pub(crate) train_clips: Option<u32>,
+    /// Random offset fields that the calibration is fitted to, instead of the profile's
+    #[arg(long)]
+    pub(crate) responses: Option<u32>,
     /// Fidelity to hold, in dB over whole frames, instead of the profile's
     #[arg(long)]
     pub(crate) target_psnr: Option<f32>,
+    /// Quality gate: least share of bits right on unseen clips, 0 to 1; by default what `verify` needs to say present
+    #[arg(long, value_name = "SHARE")]
+    pub(crate) min_accuracy: Option<f64>,
+    /// Quality gate: least PSNR of whole unseen frames in dB; by default none
+    #[arg(long, value_name = "DB")]
+    pub(crate) min_psnr: Option<f64>,
     /// SH coefficients to write into
     #[arg(long, value_enum, default_value = "dc")]
     pub(crate) bases: BasesArg,
@@ -199,7 +215,7 @@ pub(crate) struct EmbedArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct VerifyArgs {
-    /// PNG folders or video files
+    /// PNG folders or video files; too few frames in all, such as a single one, end inconclusive
     #[arg(required = true)]
     pub(crate) clips: Vec<PathBuf>,
     /// Owner key

@@ -19,12 +19,11 @@ use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::message::Payload;
 use guard4d_engine::watermark::prf::MasterSecret;
 use guard4d_engine::watermark::verify::{Case, Exhibits, clean_clips};
-use guard4d_kernels::Device;
 
 use crate::args::{Common, DemoArgs};
 use crate::media::{ffmpeg, read_options};
 use crate::report::{Outcome, evaluation_rows, table};
-use crate::{embed, verify};
+use crate::{devices, embed, stop, verify};
 
 pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineError> {
     let talk = |text: &str| {
@@ -32,9 +31,10 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
             eprintln!("{text}");
         }
     };
+    stop::listen(common);
     let existing = if args.overwrite { Existing::Replace } else { Existing::Refuse };
     let out = AtomicDir::create(&args.out, existing)?;
-    let device = Device::open(&common.device)?;
+    let device = devices::open(common)?;
     talk(&format!("device: {}", device.info().name));
     let clip = Clip::load(&device, &ClipSource::Mini)?;
     let scene = Scene::unpack()?;
@@ -48,6 +48,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     let message = Payload::parse("random", BITS)?.message(&key.prf())?;
     let config = EmbedConfig { seed: args.seed, ..guard4d_engine::demo::config() };
     let subject = Subject { device: &device, clip: &clip, key: &key, model: &model, message: &message };
+    stop::check()?;
     let embedding = Embedding::prepare(subject, config.clone())?;
     let mut embedded = embed::train(embedding, &config, common, None)?;
 
@@ -56,6 +57,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     let cameras = scene.cameras(config.size_px)?;
     let delivery = Delivery { subject, config: &config, embedded: &embedded, input: &args.out };
     let evaluation = delivery::write(out.path(), &delivery, &cameras)?;
+    stop::check()?;
     let marked = Model::open(&out.path().join(MARKED))?;
     let frames = clean_clips(&device, &marked, &cameras)?;
     let clean = clean_clips(&device, &model, &cameras)?;
@@ -63,6 +65,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     write_clip(out.path(), "clean", &clean.concat())?;
     embedded.seconds.insert("render".to_owned(), started.elapsed().as_secs_f64());
 
+    stop::check()?;
     talk("4/4 verify: from the video alone");
     let started = Instant::now();
     let receipt = out.path().join(PRIVATE).join(RECEIPT);

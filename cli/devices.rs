@@ -1,7 +1,7 @@
-//! `guard4d devices`
+//! `guard4d devices`, and opening the one that a command runs on.
 
 use guard4d_engine::EngineError;
-use guard4d_kernels::Device;
+use guard4d_kernels::{Device, DeviceSelect};
 use serde::Serialize;
 
 use crate::args::Common;
@@ -16,10 +16,23 @@ struct Row {
     uuid: String,
     pci: Option<String>,
     subgroup_size: u32,
+    /// Whether commands run on it with the `--device` given.
+    selected: bool,
+}
+
+/// Opens the device that `--device` or, for `auto`, a scheduler names.
+pub(crate) fn open(common: &Common) -> Result<Device, EngineError> {
+    Ok(Device::open(&select(common))?)
+}
+
+fn select(common: &Common) -> DeviceSelect {
+    common.device.clone().or_assigned(|variable| std::env::var(variable).ok())
 }
 
 pub(crate) fn run(common: &Common) -> Result<Outcome, EngineError> {
-    let rows: Vec<Row> = Device::list()?
+    let devices = Device::list()?;
+    let selected = select(common).choose(&devices).ok();
+    let rows: Vec<Row> = devices
         .into_iter()
         .enumerate()
         .map(|(index, d)| Row {
@@ -30,12 +43,14 @@ pub(crate) fn run(common: &Common) -> Result<Outcome, EngineError> {
             uuid: d.uuid,
             pci: d.pci,
             subgroup_size: d.subgroup_size,
+            selected: selected == Some(index),
         })
         .collect();
     print(common, &rows, |rows| {
         let line = |r: &Row| {
             let pci = r.pci.as_deref().unwrap_or("-");
-            format!("{}  {}  ({}, {})\n   uuid:{}  pci:{pci}", r.index, r.name, r.kind, r.driver, r.uuid)
+            let mark = if r.selected { '*' } else { ' ' };
+            format!("{mark} {}  {}  ({}, {})\n     uuid:{}  pci:{pci}", r.index, r.name, r.kind, r.driver, r.uuid)
         };
         rows.iter().map(line).collect::<Vec<_>>().join("\n")
     })?;

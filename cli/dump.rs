@@ -8,14 +8,14 @@ use guard4d_engine::dump::{self, Border, View};
 use guard4d_engine::output::{AtomicFile, Existing};
 use guard4d_engine::scene::Model;
 use guard4d_engine::tensor_file::TensorFile;
-use guard4d_kernels::Device;
 use serde_json::json;
 
 use crate::args::{BorderArg, Common, DumpArgs, DumpCommand};
+use crate::devices;
 use crate::report::{Outcome, print};
 
 pub(crate) fn run(args: &DumpArgs, common: &Common) -> Result<Outcome, EngineError> {
-    let device = Device::open(&common.device)?;
+    let device = devices::open(common)?;
     let (tensors, out) = match &args.command {
         DumpCommand::Deform { model, time, out } => (dump::deform(&device, &Model::open(model)?, *time)?, out),
         DumpCommand::Render { model, camera, time, v_image, out } => {

@@ -1,7 +1,6 @@
 //! `guard4d embed`
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use guard4d_engine::EngineError;
@@ -9,21 +8,31 @@ use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::output::{AtomicDir, Existing};
 use guard4d_engine::render::OffsetBases;
 use guard4d_engine::scene::Model;
+use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::delivery::{self, Delivery};
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, Subject};
+use guard4d_engine::watermark::evaluate::Evaluation;
 use guard4d_engine::watermark::evidence::ExtractorMode;
+use guard4d_engine::watermark::gate::{Gate, Shortfall};
 use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::message::Payload;
 use guard4d_engine::watermark::undo;
-use guard4d_kernels::Device;
+use serde::Serialize;
 
 use crate::args::{BasesArg, Common, EmbedArgs, ExtractorArg, ProfileArg};
+use crate::devices;
 use crate::progress::bar;
 use crate::report::{Outcome, evaluation_rows, print, table};
+use crate::stop;
 use crate::views::cameras;
 
-/// Set by Ctrl-C and SIGTERM; the loop looks at it after every step.
-static STOP: AtomicBool = AtomicBool::new(false);
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Printed<'a> {
+    #[serde(flatten)]
+    evaluation: &'a Evaluation,
+    missed: &'a [Shortfall],
+}
 
 pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineError> {
     let existing = if args.overwrite { Existing::Replace } else { Existing::Refuse };
@@ -31,32 +40,58 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
         undo::restore(&args.model, file, &args.out, existing)?;
         return Ok(Outcome::Done);
     }
+    stop::listen(common);
     let out = AtomicDir::create(&args.out, existing)?;
-    let device = Device::open(&common.device)?;
+    let device = devices::open(common)?;
     let clip = Clip::load(&device, &ClipSource::from_argument(&args.clip))?;
     let key_path = args.key.as_ref().expect("clap requires it without --undo");
     let key = Key::read(key_path, &clip)?;
+    let gate = gate(args, key.bits())?;
     let model = Model::open(&args.model)?;
     for warning in model.warnings.iter().filter(|_| !common.quiet) {
         eprintln!("note: {warning}");
     }
     let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
     let message = Payload::parse(&args.message, bits)?.message(&key.prf())?;
+    let cameras = cameras(&args.views)?;
     let config = config(args);
     let subject = Subject { device: &device, clip: &clip, key: &key, model: &model, message: &message };
     let checkpoint = checkpoint_path(&args.out);
+    if args.resume {
+        // What cannot be read is told before the views are planned.
+        TensorFile::read(&checkpoint)?;
+    }
     let mut embedding = Embedding::prepare(subject, config.clone())?;
     if args.resume {
         embedding.restore(&checkpoint)?;
     }
     let embedded = train(embedding, &config, common, Some((&checkpoint, args.checkpoint_every)))?;
-    let cameras = cameras(&args.views)?;
     let delivery = Delivery { subject, config: &config, embedded: &embedded, input: &args.model };
     let evaluation = delivery::write(out.path(), &delivery, &cameras)?;
     out.commit()?;
     remove_checkpoint(&checkpoint);
-    print(common, &evaluation, |e| table(&evaluation_rows(e, &embedded.seconds)))?;
-    Ok(Outcome::Done)
+    let missed = gate.missed(&evaluation);
+    let result = Printed { evaluation: &evaluation, missed: &missed };
+    print(common, &result, |_| table(&evaluation_rows(&evaluation, &embedded.seconds)))?;
+    Ok(judge(&missed))
+}
+
+/// Says what fell short; the outputs stay.
+fn judge(missed: &[Shortfall]) -> Outcome {
+    for shortfall in missed {
+        eprintln!("quality gate missed: {shortfall}");
+    }
+    if missed.is_empty() { Outcome::Done } else { Outcome::Negative }
+}
+
+/// What flags ask of the result, or what its message length needs.
+fn gate(args: &EmbedArgs, bits: usize) -> Result<Gate, EngineError> {
+    let mut gate = Gate { min_psnr_db: args.min_psnr, ..Gate::for_bits(bits) };
+    if let Some(share) = args.min_accuracy {
+        gate.min_accuracy = share;
+    }
+    gate.validate()?;
+    Ok(gate)
 }
 
 /// The profile's numbers with what flags change.
@@ -80,24 +115,35 @@ fn config(args: &EmbedArgs) -> EmbedConfig {
     if let Some(steps) = args.steps {
         config.steps = steps as usize;
     }
+    if let Some(clips) = args.train_clips {
+        config.views = clips;
+    }
+    if let Some(responses) = args.responses {
+        config.responses = responses as usize;
+    }
     if let Some(target) = args.target_psnr {
         config.target_psnr = target;
     }
     config
 }
 
-/// Steps until done or stopped; with a checkpoint file, a stop leaves a valid one.
+/// Steps until done or stopped; with a checkpoint file, a stop leaves a valid one, and so does the end.
 pub(crate) fn train(
     mut embedding: Embedding<'_>,
     config: &EmbedConfig,
     common: &Common,
     checkpoint: Option<(&Path, u64)>,
 ) -> Result<Embedded, EngineError> {
-    // A handler can be set once; a second embedding in one process keeps the first.
-    let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::SeqCst));
     let progress = bar(common, config.steps as u64);
     let mut saved = Instant::now();
-    while let Some(report) = embedding.step()? {
+    loop {
+        if stop::is_requested() {
+            progress.abandon();
+            let Some((path, _)) = checkpoint else { return Err(EngineError::Stopped) };
+            embedding.save(path)?;
+            return Err(EngineError::Interrupted { checkpoint: path.to_owned() });
+        }
+        let Some(report) = embedding.step()? else { break };
         progress.set_position(embedding.step_number() as u64);
         progress.set_message(format!(
             "loss {:.3}  bits {:.0} %  {:.1} dB",
@@ -105,16 +151,16 @@ pub(crate) fn train(
             100.0 * report.bit_accuracy,
             -10.0 * report.mse.max(f32::MIN_POSITIVE).log10()
         ));
-        let Some((path, every)) = checkpoint else { continue };
-        let stop = STOP.load(Ordering::SeqCst);
-        if stop || saved.elapsed() >= Duration::from_secs(every) {
+        if let Some((path, every)) = checkpoint
+            && saved.elapsed() >= Duration::from_secs(every)
+        {
             embedding.save(path)?;
             saved = Instant::now();
         }
-        if stop {
-            progress.abandon();
-            return Err(EngineError::Interrupted { checkpoint: path.to_owned() });
-        }
+    }
+    // Measuring the result takes a while, too; whoever stops that need not train again.
+    if let Some((path, _)) = checkpoint {
+        embedding.save(path)?;
     }
     progress.finish_and_clear();
     embedding.finish()

@@ -4,16 +4,16 @@ use guard4d_engine::EngineError;
 use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::output::{AtomicFile, Existing};
 use guard4d_engine::watermark::key::{Key, KeyReport, read_secret};
-use guard4d_kernels::Device;
 
 use crate::args::{Common, KeygenArgs};
+use crate::devices;
 use crate::report::{Outcome, print, table};
 
 pub(crate) fn run(args: &KeygenArgs, common: &Common) -> Result<Outcome, EngineError> {
     let existing = if args.overwrite { Existing::Replace } else { Existing::Refuse };
     // Half a minute of training must not end at a place that cannot be written.
     drop(AtomicFile::create(&args.out, existing)?);
-    let device = Device::open(&common.device)?;
+    let device = devices::open(common)?;
     let clip = Clip::load(&device, &ClipSource::from_argument(&args.clip))?;
     let secret = read_secret(args.secret.as_ref())?;
     let (key, report) = Key::generate(&device, &clip, secret, args.bits)?;

@@ -10,16 +10,18 @@ use guard4d_engine::media::frames::{png_name, write_png};
 use guard4d_engine::output::{AtomicDir, Existing};
 use guard4d_engine::render::Film;
 use guard4d_engine::scene::Model;
-use guard4d_kernels::Device;
 
 use crate::args::{Common, RenderArgs};
+use crate::devices;
 use crate::media::ffmpeg;
 use crate::progress::bar;
 use crate::report::Outcome;
+use crate::stop;
 use crate::views::cameras;
 
 pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<Outcome, EngineError> {
-    let device = Device::open(&common.device)?;
+    stop::listen(common);
+    let device = devices::open(common)?;
     let model = Model::open(&args.model)?;
     let clips = cameras(&args.views)?.clips();
     let total: usize = clips.iter().map(Vec::len).sum();
@@ -27,18 +29,13 @@ pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<Outcome, EngineE
     let mut film = Film::new(&device, &model.gaussians, model.deformation.as_ref(), model.background)?;
     let mut shoot = |each: &mut dyn FnMut(Frame) -> Result<(), EngineError>| {
         film.shoot(&clips, |_, camera, pixels| {
+            stop::check()?;
             progress.inc(1);
             each(Frame::from_rgba32f(camera.width, camera.height, pixels)?)
         })
     };
     let existing = if args.overwrite { Existing::Replace } else { Existing::Refuse };
     if args.out.extension().is_some_and(|e| e == "mp4") {
-        if args.out.exists() && !args.overwrite {
-            return Err(EngineError::CannotCreate {
-                path: args.out.clone(),
-                reason: "it exists; --overwrite replaces it".to_owned(),
-            });
-        }
         let fps = NonZeroU32::new(args.fps).ok_or_else(|| EngineError::Usage {
             what: "--fps".to_owned(),
             got: "0".to_owned(),
@@ -48,6 +45,7 @@ pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<Outcome, EngineE
             ffmpeg: ffmpeg(),
             frame_rate: FrameRate::per_second(fps),
             crf: args.crf,
+            existing,
             ..EncodeOptions::default()
         };
         let mut writer = Mp4Writer::start(&args.out, args.views.size, &options)?;

@@ -7,15 +7,15 @@ use guard4d_engine::watermark::evidence::{PStatement, Verdict};
 use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::message::Payload;
 use guard4d_engine::watermark::verify::{Case, Exhibits, Report, clean_clips};
-use guard4d_kernels::Device;
 
 use crate::args::{Common, VerifyArgs};
+use crate::devices;
 use crate::media::read_options;
 use crate::report::{Outcome, evidence_in_words, print, table};
 use crate::views::cameras;
 
 pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineError> {
-    let device = Device::open(&common.device)?;
+    let device = devices::open(common)?;
     let clip = Clip::load(&device, &ClipSource::from_argument(&args.clip))?;
     let key = Key::read(&args.key, &clip)?;
     let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);

@@ -89,6 +89,10 @@ pub enum EngineError {
         /// Where the state was saved.
         checkpoint: PathBuf,
     },
+    /// The run was interrupted before there was anything to keep.
+    #[error("interrupted; nothing was written")]
+    #[diagnostic(code(guard4d::stopped), help("run the same command again"))]
+    Stopped,
 }
 
 impl EngineError {
@@ -110,7 +114,7 @@ impl EngineError {
             Self::Kernel(_) | Self::NotFinite { .. } => 70,
             Self::CannotCreate { .. } => 73,
             Self::Io { .. } => 74,
-            Self::Interrupted { .. } => 75,
+            Self::Interrupted { .. } | Self::Stopped => 75,
         }
     }
 }

@@ -148,6 +148,23 @@ impl TensorFile {
         }
     }
 
+    /// As [`TensorFile::floats`], for weights: NaN and infinity are refused.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] as there, and naming the first element that is no number.
+    pub fn finite(&self, name: &str, shape: &[usize]) -> Result<&[f32], EngineError> {
+        let values = self.floats(name, shape)?;
+        match values.iter().position(|v| !v.is_finite()) {
+            None => Ok(values),
+            Some(at) => Err(EngineError::BadData {
+                path: self.path.clone(),
+                field: name.to_owned(),
+                got: format!("{} at element {at}", values[at]),
+                expected: "finite numbers".to_owned(),
+            }),
+        }
+    }
+
     /// The integers of tensor `name`, whose shape must be `shape`.
     ///
     /// # Errors

@@ -31,7 +31,10 @@ pub enum KernelError {
     },
     /// No device fits the selection.
     #[error("no Vulkan device fits `{wanted}`; present: {present}")]
-    #[diagnostic(code(guard4d::kernels::no_device), help("`guard4d devices` lists what this machine has"))]
+    #[diagnostic(
+        code(guard4d::kernels::no_device),
+        help("`guard4d devices` lists what this machine has; --device takes one of them, `cpu` the processor")
+    )]
     NoDevice {
         /// The selection, as the user wrote it.
         wanted: String,

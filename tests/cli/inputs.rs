@@ -1,4 +1,4 @@
-//! Models, checkpoints, keys and messages that must be refused.
+//! Checkpoints, keys and messages that must be refused.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,10 +7,9 @@ use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::tensor_file::{Tensor, TensorFile};
 
 use super::{guard4d, names, put, scratch};
-use crate::scene::fixture::{TinyModel, cfg_args};
+use crate::scene::fixture::TinyModel;
 use crate::support::gpu::device;
 use crate::support::owner::{BITS, key_file};
-use crate::support::pth_builder::{Pickle, archive};
 use crate::support::repo;
 
 #[test]
@@ -25,42 +24,6 @@ fn a_missing_model_is_a_missing_input() {
         guard4d(&[&"render", &nowhere, &"--out", &out]).refused(66, &words);
     }
     assert_eq!(names(folder.path()), [""; 0], "nothing is written");
-}
-
-#[test]
-fn damaged_models_are_refused_with_file_and_field() {
-    let model = TinyModel::new();
-    let ply = model.saved("point_cloud.ply");
-    let whole = fs::read(model.file(&ply)).expect("readable");
-    for (bytes, words) in [
-        (whole[..whole.len() - 5].to_vec(), "point_cloud.ply"),
-        (b"ply\nformat".to_vec(), "point_cloud.ply"),
-        (Vec::new(), "point_cloud.ply"),
-    ] {
-        model.write(&ply, &bytes);
-        guard4d(&[&"inspect", &model.path()]).refused(65, &[words, "bad_data"]);
-    }
-    model.write(&ply, &whole);
-    guard4d(&[&"inspect", &model.path()]).done();
-}
-
-#[test]
-fn a_hostile_pickle_is_refused_and_never_run() {
-    let model = TinyModel::new();
-    let proof = model.file("executed");
-    let command = format!("touch {}", proof.display());
-    let pickle = Pickle::new().global("os", "system").text(&command).op(b"\x85R").stop();
-    model.write(&model.saved("deformation.pth"), &archive(pickle, &[]));
-    guard4d(&[&"inspect", &model.path()]).refused(65, &["deformation.pth", "`os.system`", "was not run"]);
-    assert!(!proof.exists(), "the payload was not run");
-}
-
-#[test]
-fn unknown_settings_of_a_model_are_refused() {
-    let model = TinyModel::new();
-    let strange = cfg_args().replace("no_do=True", "no_do=True, no_gravity=True");
-    model.write("cfg_args", strange.as_bytes());
-    guard4d(&[&"inspect", &model.path()]).refused(65, &["cfg_args", "no_gravity"]);
 }
 
 /// The configuration of the embedded checkpoint, in a folder of its own.
@@ -94,6 +57,38 @@ fn wrong_checkpoints_are_refused() {
     assert_eq!(names(folder.path()), ["clip"], "no key and no partial key");
 }
 
+/// A checkpoint that is good but for one tensor.
+#[test]
+fn checkpoints_with_one_wrong_tensor_are_refused() {
+    if device().is_none() {
+        return;
+    }
+    let folder = scratch();
+    let out = folder.path().join("owner.key");
+    let good = TensorFile::read(&repo("engine/assets/mini-clip/model.safetensors")).expect("it ships with the program");
+    let name = "text_model.final_layer_norm.weight";
+    let width = good.get(name).expect("a tensor").shape[0];
+    let keygen = |words: &[&str], tensor: Option<Tensor>, name: &str| {
+        let mut weights = good.clone();
+        match tensor {
+            Some(tensor) => weights.tensors.insert(name.to_owned(), tensor),
+            None => weights.tensors.remove(name),
+        };
+        let clip = clip_folder(folder.path(), Some(&weights));
+        let words = [&["model.safetensors", name, "expected"], words].concat();
+        guard4d(&[&"keygen", &"--clip", &clip, &"--out", &out]).refused(65, &words);
+    };
+    keygen(&["no such tensor", &format!("[{width}]")], None, name);
+    let longer = Tensor::f32(&[width + 1], vec![1.0; width + 1]);
+    keygen(&[&format!("[{}], expected [{width}]", width + 1)], Some(longer), name);
+    keygen(&["integers", "F32, F16 or BF16"], Some(Tensor::u32(&[width], vec![1; width])), name);
+    let mut poisoned = vec![1.0; width];
+    poisoned[2] = f32::NAN;
+    keygen(&["NaN", "finite"], Some(Tensor::f32(&[width], poisoned)), name);
+    keygen(&["no tensor of this name"], Some(Tensor::f32(&[1], vec![0.0])), "text_model.adapter");
+    assert_eq!(names(folder.path()), ["clip"], "no key and no partial key");
+}
+
 #[test]
 fn keys_of_other_checkpoints_and_long_messages_are_refused() {
     let Some(gpu) = device() else { return };
@@ -106,6 +101,11 @@ fn keys_of_other_checkpoints_and_long_messages_are_refused() {
     let foreign = put(folder.path(), "foreign.key", &file.to_bytes().expect("serialises"));
     file.meta.insert("format".to_owned(), "other/1".to_owned());
     let other = put(folder.path(), "other.key", &file.to_bytes().expect("serialises"));
+    let mut poisoned = key_file(&clip);
+    let text_mean = poisoned.tensors.get_mut("text_mean").expect("a tensor of keys");
+    let shape = text_mean.shape.clone();
+    *text_mean = Tensor::f32(&shape, vec![f32::INFINITY; shape[0]]);
+    let poisoned = put(folder.path(), "nan.key", &poisoned.to_bytes().expect("serialises"));
     let cut = put(folder.path(), "cut.key", &fs::read(&good).expect("readable")[..1000]);
     let out = folder.path().join("out");
     let embed = |key: &Path, message: &str| {
@@ -113,6 +113,7 @@ fn keys_of_other_checkpoints_and_long_messages_are_refused() {
     };
     embed(&foreign, "random").refused(65, &["foreign.key: clip", "a key made with checkpoint 0000"]);
     embed(&other, "random").refused(65, &["other.key: format: other/1"]);
+    embed(&poisoned, "random").refused(65, &["nan.key: text_mean: inf at element 0", "finite numbers"]);
     embed(&cut, "random").refused(65, &["cut.key: header"]);
     embed(&folder.path().join("none.key"), "random").refused(66, &["none.key: not found"]);
     let long = format!("bits:{}", "1".repeat(BITS as usize + 1));
@@ -121,7 +122,7 @@ fn keys_of_other_checkpoints_and_long_messages_are_refused() {
     embed(&good, "hello").refused(2, &["`hello`", "`random`, `hex:…` or `bits:…`"]);
     assert_eq!(
         names(folder.path()),
-        ["cut.key", "foreign.key", "good.key", "other.key"],
+        ["cut.key", "foreign.key", "good.key", "nan.key", "other.key"],
         "no output, whole or partial"
     );
 }

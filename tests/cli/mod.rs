@@ -1,7 +1,10 @@
 //! The program itself: exit codes, messages, what goes to stdout, and what is left on disk.
 
+mod devices;
 mod dump;
+mod embed;
 mod inputs;
+mod models;
 mod outputs;
 mod usage;
 mod verify;
@@ -9,8 +12,9 @@ mod verify;
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Output};
 
+use guard4d_kernels::vk::Assignment;
 use tempfile::TempDir;
 
 /// What a run of the program left.
@@ -21,6 +25,15 @@ struct Run {
 }
 
 impl Run {
+    fn of(output: Output) -> Self {
+        let text = |bytes| String::from_utf8(bytes).expect("the program writes UTF-8");
+        Self {
+            code: output.status.code().expect("the program was not killed"),
+            stdout: text(output.stdout),
+            stderr: text(output.stderr),
+        }
+    }
+
     /// Fails unless the program ended with `code`, said all of `words` on stderr, and nothing on stdout.
     #[track_caller]
     fn refused(&self, code: i32, words: &[&str]) {
@@ -43,15 +56,18 @@ impl Run {
 
 /// Runs the program.
 fn guard4d(args: &[&dyn AsRef<OsStr>]) -> Run {
+    Run::of(command(args).output().expect("the program was built with the tests"))
+}
+
+/// The program, to be started.
+fn command(args: &[&dyn AsRef<OsStr>]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_guard4d"));
     command.args(args.iter().map(|a| a.as_ref())).env_remove("RUST_LOG").env("NO_COLOR", "1");
-    let output = command.output().expect("the program was built with the tests");
-    let text = |bytes| String::from_utf8(bytes).expect("the program writes UTF-8");
-    Run {
-        code: output.status.code().expect("the program was not killed"),
-        stdout: text(output.stdout),
-        stderr: text(output.stderr),
+    // What a scheduler says to the tests is not meant for the program under test.
+    for name in Assignment::variables() {
+        command.env_remove(name);
     }
+    command
 }
 
 /// A folder for one test's outputs.
@@ -73,4 +89,14 @@ fn put(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
     fs::create_dir_all(path.parent().expect("the path has a folder")).expect("a temporary folder is writable");
     fs::write(&path, bytes).expect("a temporary folder is writable");
     path
+}
+
+/// Whether there is ffmpeg, which continuous integration must have.
+fn has_ffmpeg() -> bool {
+    let found = Command::new("ffmpeg").arg("-version").output().is_ok_and(|out| out.status.success());
+    assert!(found || std::env::var_os("CI").is_none(), "continuous integration needs ffmpeg");
+    if !found {
+        crate::support::skipped("ffmpeg is not here");
+    }
+    found
 }

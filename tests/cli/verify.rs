@@ -2,13 +2,15 @@
 
 use std::ffi::OsStr;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use guard4d_engine::media::Frame;
-use guard4d_engine::media::frames::write_png;
+use guard4d_engine::media::encode::{EncodeOptions, write_mp4};
+use guard4d_engine::media::frames::{write_png, write_png_folder};
 use guard4d_engine::tensor_file::TensorFile;
 
-use super::{Run, guard4d, names, put, scratch};
+use super::{Run, guard4d, has_ffmpeg, names, put, scratch};
 use crate::support::gpu::device;
 use crate::support::owner::delivered;
 
@@ -45,20 +47,95 @@ fn clips_that_are_no_clips_are_refused() {
     verify(owner, &folder.path().join("nowhere"), &[]).refused(66, &["nowhere: not found"]);
     let empty = folder.path().join("empty");
     put(&empty, "notes.txt", b"no frames");
-    verify(owner, &empty, &[]).refused(66, &["empty: not found", "at least one .png file"]);
+    let words = ["empty: frames: no .png file", "at least one"];
+    verify(owner, &empty, &[]).refused(65, &words);
+    verify(owner, &owner.join("out/preview"), &[&"--unrelated", &empty]).refused(65, &words);
     let mixed = folder.path().join("mixed");
     fs::create_dir(&mixed).expect("writable");
     for (name, side) in [("0.png", 32), ("1.png", 48)] {
-        let frame = Frame::new(side, side, vec![90; (3 * side * side) as usize]).expect("the length fits");
-        write_png(&mixed.join(name), &frame).expect("writable");
+        write_png(&mixed.join(name), &grey(side, side, 0)).expect("writable");
     }
     verify(owner, &mixed, &[]).refused(65, &["1.png: size of frame 1: 48 x 48 px", "32 x 32 px, the size of frame 0"]);
     let torn = folder.path().join("torn");
     let png = fs::read(owner.join("out/preview/00000.png")).expect("a frame");
     put(&torn, "0.png", &png[..png.len() / 2]);
     verify(owner, &torn, &[]).refused(65, &["0.png: picture"]);
-    let video = put(folder.path(), "clip.mp4", &[0x5a; 4096]);
-    verify(owner, &video, &[]).refused(65, &["clip.mp4"]);
+}
+
+#[test]
+fn videos_without_frames_are_refused() {
+    let Some(gpu) = device() else { return };
+    if !has_ffmpeg() {
+        return;
+    }
+    let owner = delivered(&gpu);
+    let folder = scratch();
+    let noise = put(folder.path(), "noise.mp4", &[0x5a; 4096]);
+    verify(owner, &noise, &[]).refused(65, &["noise.mp4: container", "a video that ffmpeg can decode"]);
+    let empty = put(folder.path(), "empty.mp4", b"");
+    verify(owner, &empty, &[]).refused(65, &["empty.mp4: container"]);
+    let none = folder.path().join("none.mp4");
+    ffmpeg(&["-f", "lavfi", "-i", "color=s=64x64", "-frames:v", "0"], &none);
+    verify(owner, &none, &[]).refused(65, &["none.mp4: streams: no video stream"]);
+    let sound = folder.path().join("sound.mp4");
+    ffmpeg(&["-f", "lavfi", "-i", "anullsrc=d=0.1"], &sound);
+    verify(owner, &sound, &[]).refused(65, &["sound.mp4: streams: no video stream"]);
+    let whole = folder.path().join("whole.mp4");
+    ffmpeg(&["-f", "lavfi", "-i", "testsrc=s=64x64", "-frames:v", "30", "-movflags", "+faststart"], &whole);
+    let whole = fs::read(whole).expect("a video");
+    // The index comes first, so the file still says how many frames there were.
+    let cut = put(folder.path(), "cut.mp4", &whole[..whole.len() - whole.len() / 8]);
+    let run = verify(owner, &cut, &[]);
+    assert!([1, 4].contains(&run.code), "no verdict of presence: {}, {}", run.code, run.stderr);
+    assert!(run.stdout.contains("damaged") && run.stdout.contains("cut.mp4"), "{}", run.stdout);
+    let head = put(folder.path(), "head.mp4", &whole[..200]);
+    verify(owner, &head, &[]).refused(65, &["head.mp4: streams: no video stream"]);
+}
+
+#[test]
+fn unmarked_clips_are_absent_and_clips_that_prove_nothing_inconclusive() {
+    let Some(gpu) = device() else { return };
+    let owner = delivered(&gpu);
+    let folder = scratch();
+    let inconclusive = |clip: &Path, reason: &str| {
+        let run = verify(owner, clip, &[]);
+        assert_eq!(run.code, 4, "{}: {}", clip.display(), run.stderr);
+        assert!(run.stdout.contains("INCONCLUSIVE") && run.stdout.contains(reason), "{}", run.stdout);
+    };
+    // Eight bits of these pictures are right by chance: enough frames to say so.
+    let plain = folder.path().join("plain");
+    write_png_folder(&plain, &[(); 8].map(|()| grey(64, 64, 0))).expect("writable");
+    let absent = verify(owner, &plain, &[]);
+    assert_eq!(absent.code, 1, "absent: {}{}", absent.stdout, absent.stderr);
+    assert!(absent.stdout.contains("ABSENT"), "{}", absent.stdout);
+    let single = folder.path().join("single");
+    put(&single, "0.png", &fs::read(owner.join("out/preview/00000.png")).expect("a frame"));
+    inconclusive(&single, "1 of at least 8 frames");
+    let small = folder.path().join("small");
+    write_png_folder(&small, &[(); 8].map(|()| grey(32, 48, 0))).expect("writable");
+    inconclusive(&small, "frames of 32 px, 64 px needed");
+    if has_ffmpeg() {
+        inconclusive(&video(folder.path(), "single.mp4", (64, 64), 1), "1 of at least 8 frames");
+        inconclusive(&video(folder.path(), "small.mp4", (48, 32), 8), "frames of 32 px, 64 px needed");
+    }
+}
+
+fn grey(width: u32, height: u32, level: u8) -> Frame {
+    Frame::new(width, height, vec![90 + level; (3 * width * height) as usize]).expect("the length fits")
+}
+
+/// A video of grey frames.
+fn video(folder: &Path, name: &str, (width, height): (u32, u32), frames: u8) -> PathBuf {
+    let path = folder.join(name);
+    let frames: Vec<Frame> = (0..frames).map(|level| grey(width, height, level)).collect();
+    write_mp4(&path, &frames, &EncodeOptions::default()).expect("encodes");
+    path
+}
+
+fn ffmpeg(args: &[&str], out: &Path) {
+    let mut command = Command::new("ffmpeg");
+    let done = command.args(["-hide_banner", "-loglevel", "error"]).args(args).arg(out).status();
+    assert!(done.is_ok_and(|status| status.success()), "ffmpeg {args:?}");
 }
 
 #[test]

@@ -6,4 +6,5 @@ mod nn;
 mod optim;
 mod probe;
 mod scan;
+mod select;
 mod splat;

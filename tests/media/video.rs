@@ -273,11 +273,14 @@ fn refused_and_unfinished_videos_leave_no_file() {
     assert_eq!(code(write_mp4(&path, &[], &options)), 2, "no frames");
     assert_eq!(code(write_mp4(&path, &[smooth(8, 8, 0), smooth(8, 10, 0)], &options)), 2, "two sizes");
     assert_eq!(code(write_mp4(&path, &[smooth(8, 8, 0)], &EncodeOptions { crf: 52, ..options.clone() })), 2);
-    assert_eq!(code(write_mp4(&folder.path().join("no/x.mp4"), &[smooth(8, 8, 0)], &options)), 73);
+    let file = folder.path().join("file");
+    fs::write(&file, "x").expect("the folder is writable");
+    assert_eq!(code(write_mp4(&file.join("x.mp4"), &[smooth(8, 8, 0)], &options)), 73, "below a file");
     let mut writer = Mp4Writer::start(&path, (8, 8), &options).expect("an encoder");
     writer.push(&smooth(8, 8, 0)).expect("it runs");
     drop(writer);
-    assert!(!path.exists(), "an unfinished file was left");
+    let names: Vec<_> = fs::read_dir(folder.path()).expect("a folder").map(|e| e.expect("an entry").path()).collect();
+    assert_eq!(names, [file], "an unfinished file was left");
 }
 
 #[test]

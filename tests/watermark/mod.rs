@@ -2,6 +2,7 @@ mod calibration;
 mod cross_examination;
 mod decoder;
 mod evidence;
+mod gate;
 mod message;
 mod metrics;
 mod prf;

@@ -30,6 +30,7 @@ impl Weights {
             if !matches!(tensor.values, Values::F32(_)) {
                 return Err(bad(&file.path, name, "integers", "F32, F16 or BF16"));
             }
+            file.finite(name, shape)?;
         }
         let stranger = |name: &&String| !expected.contains_key(*name) && !IGNORED.contains(&name.as_str());
         if let Some(name) = file.tensors.keys().find(stranger) {

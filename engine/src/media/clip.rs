@@ -124,8 +124,8 @@ impl Default for ReadOptions {
 /// Reads a folder of PNG frames or, through ffmpeg, a video file.
 ///
 /// # Errors
-/// [`EngineError::MissingInput`] for a missing path or a folder without PNG; [`EngineError::BadData`] for
-/// frames of different sizes or anything undecodable; [`EngineError::Program`] without ffmpeg;
+/// [`EngineError::MissingInput`] for a missing path; [`EngineError::BadData`] for a folder or video without
+/// frames, for frames of different sizes and for anything undecodable; [`EngineError::Program`] without ffmpeg;
 /// [`EngineError::Usage`] if the frames exceed `max_bytes`.
 pub fn read_clip(path: &Path, options: &ReadOptions) -> Result<Clip, EngineError> {
     let mut collector = Collector::new(path, options);

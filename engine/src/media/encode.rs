@@ -1,6 +1,5 @@
 //! H.264 in MP4 with exact colour tags.
 
-use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{ChildStdin, Command, Stdio};
@@ -11,6 +10,7 @@ use super::clip::FrameRate;
 use super::ffmpeg::{Ffmpeg, Running, failed, file_argument, spawn};
 use super::frames::Frame;
 use crate::EngineError;
+use crate::output::{AtomicFile, Existing};
 
 /// What to do with an odd width or height, which 4:2:0 video cannot store.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -33,6 +33,8 @@ pub struct EncodeOptions {
     pub crf: u8,
     /// What to do with odd sizes.
     pub odd_size: OddSize,
+    /// What to do with a file that is there.
+    pub existing: Existing,
 }
 
 impl Default for EncodeOptions {
@@ -42,36 +44,42 @@ impl Default for EncodeOptions {
             frame_rate: FrameRate::per_second(NonZeroU32::new(30).expect("30 is not 0")),
             crf: 12,
             odd_size: OddSize::Refuse,
+            existing: Existing::Refuse,
         }
     }
 }
+
+/// The system's words for a full disk, as ffmpeg repeats them.
+const DISK_FULL: &str = "No space left on device";
 
 /// Largest crf that x264 accepts for 8-bit video.
 const MAX_CRF: u8 = 51;
 
 /// Writes frames one after the other: H.264, yuv420p, BT.709 in matrix, primaries, transfer and limited
-/// range, index at the front. A file that was not finished is removed.
+/// range, index at the front. The file appears when it is finished.
 pub struct Mp4Writer {
-    path: PathBuf,
     program: PathBuf,
     size_px: (u32, u32),
     odd_size: OddSize,
     stdin: Option<ChildStdin>,
     running: Option<Running>,
+    /// Last, so that the encoder has ended when its unfinished file is removed.
+    output: AtomicFile,
 }
 
 impl Mp4Writer {
     /// Starts the encoder for frames of `size_px` = (width, height).
     ///
     /// # Errors
-    /// [`EngineError::CannotCreate`] if `path` exists or its folder does not; [`EngineError::Usage`] for odd
-    /// sizes (see [`OddSize`]) or a bad crf; [`EngineError::Program`] without ffmpeg.
+    /// [`EngineError::CannotCreate`] if `path` exists and may not be replaced, or its place is not writable;
+    /// [`EngineError::Usage`] for odd sizes (see [`OddSize`]) or a bad crf; [`EngineError::Program`] without ffmpeg.
     pub fn start(path: &Path, size_px: (u32, u32), options: &EncodeOptions) -> Result<Self, EngineError> {
         check(size_px, options)?;
-        claim(path)?;
+        let output = AtomicFile::create(path, options.existing)?;
         let program = options.ffmpeg.ffmpeg.clone();
         let mut command = Command::new(&program);
-        command.args(["-hide_banner", "-loglevel", "error", "-y"]);
+        // Without -xerror, ffmpeg 5.1 counts a file whose end did not fit on the disk as a success.
+        command.args(["-hide_banner", "-loglevel", "error", "-xerror", "-y"]);
         command.args(["-f", "rawvideo", "-pix_fmt", "rgb24", "-video_size"]);
         command.arg(format!("{}x{}", even(size_px.0), even(size_px.1)));
         let FrameRate { frames, seconds } = options.frame_rate;
@@ -81,13 +89,10 @@ impl Mp4Writer {
         command.args(["-colorspace", "bt709", "-color_primaries", "bt709"]);
         command.args(["-color_trc", "bt709", "-color_range", "tv"]);
         command.args(["-movflags", "+faststart", "-f", "mp4"]);
-        command.arg(file_argument(path)).stdin(Stdio::piped());
-        let mut writer =
-            Self { path: path.to_path_buf(), program, size_px, odd_size: options.odd_size, stdin: None, running: None };
-        let started = spawn(&writer.program, &mut command);
-        let running = writer.running.insert(started.inspect_err(|_| remove_partial(path))?);
-        writer.stdin = running.child.stdin.take();
-        Ok(writer)
+        command.arg(file_argument(output.path())).stdin(Stdio::piped());
+        let mut running = spawn(&program, &mut command)?;
+        let stdin = running.child.stdin.take();
+        Ok(Self { program, size_px, odd_size: options.odd_size, stdin, running: Some(running), output })
     }
 
     /// Appends a frame.
@@ -109,9 +114,8 @@ impl Mp4Writer {
         };
         written.map_err(|error| {
             self.stdin = None;
-            remove_partial(&self.path);
             match self.running.take().map(Running::wait) {
-                Some(Ok(ended)) => failed(&self.program, &ended.messages),
+                Some(Ok(ended)) => self.stopped(&ended.messages),
                 _ => failed(&self.program, &error.to_string()),
             }
         })
@@ -120,30 +124,26 @@ impl Mp4Writer {
     /// Closes the file.
     ///
     /// # Errors
-    /// [`EngineError::Program`] with the encoder's own words if it failed.
+    /// [`EngineError::Program`] with the encoder's own words if it failed; those of [`AtomicFile::commit`].
     pub fn finish(mut self) -> Result<(), EngineError> {
         self.stdin = None;
         let Some(running) = self.running.take() else {
             return Err(failed(&self.program, "the encoder had stopped"));
         };
-        let ended = running.wait();
-        let outcome = ended.and_then(|ended| match ended.success {
-            true => Ok(()),
-            false => Err(failed(&self.program, &ended.messages)),
-        });
-        if outcome.is_err() {
-            remove_partial(&self.path);
+        let ended = running.wait()?;
+        if !ended.success || !ended.messages.is_empty() {
+            return Err(self.stopped(&ended.messages));
         }
-        outcome
+        self.output.commit()
     }
-}
 
-impl Drop for Mp4Writer {
-    fn drop(&mut self) {
-        if let Some(running) = self.running.take() {
-            drop(running);
-            remove_partial(&self.path);
+    /// Why the encoder gave up; a full disk is no fault of the program.
+    fn stopped(&self, messages: &str) -> EngineError {
+        if messages.contains(DISK_FULL) {
+            let source = std::io::Error::new(std::io::ErrorKind::StorageFull, DISK_FULL);
+            return EngineError::Io { path: self.output.path().to_path_buf(), source };
         }
+        failed(&self.program, messages)
     }
 }
 
@@ -167,19 +167,6 @@ pub fn write_mp4(path: &Path, frames: &[Frame], options: &EncodeOptions) -> Resu
 /// Full-range RGB to limited-range BT.709 with exact rounding.
 const TO_BT709: &str = "scale=out_color_matrix=bt709:in_range=pc:out_range=tv:\
                         flags=bicubic+accurate_rnd+full_chroma_int+full_chroma_inp,format=yuv420p";
-
-/// Creates the file, so that nothing of others is ever overwritten or removed.
-fn claim(path: &Path) -> Result<(), EngineError> {
-    fs::File::create_new(path)
-        .map(drop)
-        .map_err(|error| EngineError::CannotCreate { path: path.to_path_buf(), reason: error.to_string() })
-}
-
-fn remove_partial(path: &Path) {
-    if let Err(error) = fs::remove_file(path) {
-        tracing::debug!(path = %path.display(), %error, "no partial video to remove");
-    }
-}
 
 fn check(size_px: (u32, u32), options: &EncodeOptions) -> Result<(), EngineError> {
     if options.crf > MAX_CRF {

@@ -121,14 +121,13 @@ fn round_to_u8(colour: f32) -> u8 {
 /// PNG files of a folder in natural order: `9.png` before `10.png`. Other files are not looked at.
 ///
 /// # Errors
-/// [`EngineError::MissingInput`] if the folder is missing or holds no PNG, [`EngineError::Io`] if it
-/// cannot be listed.
+/// [`EngineError::MissingInput`] if the folder is missing, [`EngineError::BadData`] if it holds no PNG,
+/// [`EngineError::Io`] if it cannot be listed.
 pub fn list_png_folder(folder: &Path) -> Result<Vec<PathBuf>, EngineError> {
-    let missing =
-        |expected: &str| EngineError::MissingInput { path: folder.to_path_buf(), expected: expected.to_owned() };
     let io = |source| EngineError::Io { path: folder.to_path_buf(), source };
     if !folder.is_dir() {
-        return Err(missing("a folder of PNG frames"));
+        let expected = "a folder of PNG frames".to_owned();
+        return Err(EngineError::MissingInput { path: folder.to_path_buf(), expected });
     }
     let mut paths = Vec::new();
     for entry in fs::read_dir(folder).map_err(io)? {
@@ -138,7 +137,12 @@ pub fn list_png_folder(folder: &Path) -> Result<Vec<PathBuf>, EngineError> {
         }
     }
     if paths.is_empty() {
-        return Err(missing("at least one .png file in the folder"));
+        return Err(EngineError::BadData {
+            path: folder.to_path_buf(),
+            field: "frames".to_owned(),
+            got: "no .png file in the folder".to_owned(),
+            expected: "at least one".to_owned(),
+        });
     }
     paths.sort_by(|a, b| natural_order(&file_name(a), &file_name(b)));
     Ok(paths)

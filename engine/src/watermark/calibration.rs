@@ -126,8 +126,8 @@ impl Calibration {
     /// [`EngineError::BadData`] naming the tensor.
     pub fn load(file: &TensorFile, width: usize, bits: usize) -> Result<Self, EngineError> {
         Ok(Self {
-            mean_image: file.floats("calibration.mean_image", &[width])?.to_vec(),
-            directions: file.floats("calibration.directions", &[width, bits])?.to_vec(),
+            mean_image: file.finite("calibration.mean_image", &[width])?.to_vec(),
+            directions: file.finite("calibration.directions", &[width, bits])?.to_vec(),
         })
     }
 }

@@ -68,8 +68,8 @@ impl DecoderWeights {
     pub fn load(file: &TensorFile, width: usize, bits: usize) -> Result<Self, EngineError> {
         let mut layers = Vec::with_capacity(LAYERS);
         for (i, (inputs, outputs)) in Self::sizes(width, bits).into_iter().enumerate() {
-            let weight = file.floats(&format!("decoder.{i}.weight"), &[outputs, inputs])?.to_vec();
-            let bias = file.floats(&format!("decoder.{i}.bias"), &[outputs])?.to_vec();
+            let weight = file.finite(&format!("decoder.{i}.weight"), &[outputs, inputs])?.to_vec();
+            let bias = file.finite(&format!("decoder.{i}.bias"), &[outputs])?.to_vec();
             layers.push(Linear { weight, bias, outputs, inputs });
         }
         let layers = layers.try_into().expect("one layer was pushed per size");

@@ -198,7 +198,7 @@ impl fmt::Display for Reason {
             Self::Weak { p_value, fpr } => {
                 write!(f, "p = {p_value:.2e} misses the threshold {fpr:.0e}; more frames or views may decide")
             }
-            Self::TooFewFrames { got, needed } => write!(f, "{got} frames, {needed} needed"),
+            Self::TooFewFrames { got, needed } => write!(f, "{got} of at least {needed} frames"),
             Self::FramesTooSmall { got_px, needed_px } => {
                 write!(f, "frames of {got_px} px, {needed_px} px needed")
             }

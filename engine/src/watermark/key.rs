@@ -190,8 +190,8 @@ impl Key {
         let width = clip.config().projection_dim;
         let key = Self {
             table: TokenTable::derive(&Prf::new(&secret), vocabulary(clip), bits)?,
-            text_mean: file.floats("text_mean", &[width])?.to_vec(),
-            codes: file.floats("codes", &[bits as usize, width])?.to_vec(),
+            text_mean: file.finite("text_mean", &[width])?.to_vec(),
+            codes: file.finite("codes", &[bits as usize, width])?.to_vec(),
             decoder: DecoderWeights::load(&file, width, bits as usize)?,
             clip: clip_digest,
             secret,

@@ -11,6 +11,7 @@ pub mod embed;
 pub mod evaluate;
 pub mod evidence;
 pub mod extractor;
+pub mod gate;
 pub mod key;
 pub mod message;
 pub mod metrics;

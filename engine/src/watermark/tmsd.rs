@@ -160,7 +160,7 @@ impl TmsdWeights {
         })?;
         config.validate()?;
         let layers = config.channels().into_iter().enumerate().map(|(i, (inputs, outputs))| {
-            Ok(file.floats(&format!("tmsd.{i}.weight"), &[outputs, inputs, 3, 3, 3])?.to_vec())
+            Ok(file.finite(&format!("tmsd.{i}.weight"), &[outputs, inputs, 3, 3, 3])?.to_vec())
         });
         Ok(Some(Self { config, layers: layers.collect::<Result<_, EngineError>>()? }))
     }

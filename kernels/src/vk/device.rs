@@ -18,13 +18,42 @@ use crate::error::KernelError;
 const MIN_SUBGROUP: u32 = 8;
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
+/// What runs the kernels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DeviceKind {
+    /// A GPU on a card of its own.
+    Discrete,
+    /// A GPU beside the processor.
+    Integrated,
+    /// A GPU that a virtual machine shows.
+    Virtual,
+    /// The processor itself, by a software driver such as lavapipe.
+    Cpu,
+    /// Anything else.
+    Other,
+}
+
+impl From<vk::PhysicalDeviceType> for DeviceKind {
+    fn from(raw: vk::PhysicalDeviceType) -> Self {
+        match raw {
+            vk::PhysicalDeviceType::DISCRETE_GPU => Self::Discrete,
+            vk::PhysicalDeviceType::INTEGRATED_GPU => Self::Integrated,
+            vk::PhysicalDeviceType::VIRTUAL_GPU => Self::Virtual,
+            vk::PhysicalDeviceType::CPU => Self::Cpu,
+            _ => Self::Other,
+        }
+    }
+}
+
 /// What is known of a device before it is opened.
 #[derive(Clone, Debug)]
 pub struct DeviceInfo {
     /// Driver's device name.
     pub name: String,
     /// CPU, integrated, discrete, …
-    pub kind: vk::PhysicalDeviceType,
+    pub kind: DeviceKind,
+    /// PCI number of its maker.
+    pub vendor: u32,
     /// Driver name and version in words.
     pub driver: String,
     /// Device UUID, 32 hex digits.
@@ -129,7 +158,8 @@ impl Instance {
         let text = |t: Result<&CStr, _>| t.map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
         DeviceInfo {
             name: text(base.device_name_as_c_str()),
-            kind: base.device_type,
+            kind: base.device_type.into(),
+            vendor: base.vendor_id,
             driver: format!("{} {}", text(driver.driver_name_as_c_str()), text(driver.driver_info_as_c_str())),
             uuid: id.device_uuid.iter().map(|b| format!("{b:02x}")).collect(),
             pci: has_pci.then(|| {

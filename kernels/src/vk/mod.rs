@@ -1,5 +1,6 @@
 //! Everything that talks to Vulkan; the only place with `unsafe`.
 
+mod assignment;
 mod buffer;
 mod debug;
 mod device;
@@ -8,9 +9,10 @@ mod pipeline;
 mod recorder;
 mod select;
 
+pub use assignment::Assignment;
 pub use buffer::{Buffer, Element};
 pub use debug::take_validation_errors;
-pub use device::{Device, DeviceInfo, MemoryUse};
+pub use device::{Device, DeviceInfo, DeviceKind, MemoryUse};
 pub use pipeline::{BindingDef, BindingKind, KernelDef};
 pub use recorder::{Bindings, Bound, Grid, PassTime, Recorder, Timings};
 pub use select::DeviceSelect;

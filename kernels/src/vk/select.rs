@@ -2,9 +2,8 @@
 
 use std::str::FromStr;
 
-use ash::vk;
-
-use super::device::DeviceInfo;
+use super::assignment::Assignment;
+use super::device::{DeviceInfo, DeviceKind};
 use crate::error::KernelError;
 
 /// `auto`, `cpu`, an index of `guard4d devices`, `name:…`, `uuid:…` or `pci:…`.
@@ -23,6 +22,8 @@ pub enum DeviceSelect {
     Uuid(String),
     /// PCI address `domain:bus:device.function`, lower-case hex.
     Pci(String),
+    /// What a scheduler gave; nobody types it.
+    Assigned(Assignment),
 }
 
 impl FromStr for DeviceSelect {
@@ -54,17 +55,27 @@ impl std::fmt::Display for DeviceSelect {
             Self::Name(v) => write!(f, "name:{v}"),
             Self::Uuid(v) => write!(f, "uuid:{v}"),
             Self::Pci(v) => write!(f, "pci:{v}"),
+            Self::Assigned(assignment) => assignment.fmt(f),
         }
     }
 }
 
 impl DeviceSelect {
+    /// For `auto` what a scheduler assigned, if one did; `variable` looks into the environment.
+    #[must_use]
+    pub fn or_assigned(self, variable: impl Fn(&str) -> Option<String>) -> Self {
+        match (self, Assignment::read(variable)) {
+            (Self::Auto, Some(assignment)) => Self::Assigned(assignment),
+            (select, _) => select,
+        }
+    }
+
     /// Index of the device that this selection means.
     ///
     /// # Errors
-    /// [`KernelError::NoDevice`] when none or, for `auto`, several hardware devices fit.
+    /// [`KernelError::NoDevice`] when none or, for `auto`, several GPUs fit.
     pub fn choose(&self, devices: &[DeviceInfo]) -> Result<usize, KernelError> {
-        let is_cpu = |d: &DeviceInfo| d.kind == vk::PhysicalDeviceType::CPU;
+        let is_cpu = |d: &DeviceInfo| d.kind == DeviceKind::Cpu;
         let found = match self {
             Self::Auto => {
                 let mut gpus = (0..devices.len()).filter(|&i| !is_cpu(&devices[i]));
@@ -79,6 +90,7 @@ impl DeviceSelect {
             Self::Name(part) => devices.iter().position(|d| d.name.to_lowercase().contains(part)),
             Self::Uuid(prefix) => devices.iter().position(|d| d.uuid.starts_with(prefix)),
             Self::Pci(address) => devices.iter().position(|d| d.pci.as_deref() == Some(address)),
+            Self::Assigned(assignment) => assignment.choose(devices),
         };
         found.ok_or_else(|| KernelError::NoDevice {
             wanted: self.to_string(),

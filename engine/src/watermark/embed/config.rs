@@ -195,6 +195,22 @@ impl EmbedConfig {
         }
         Ok(())
     }
+
+    /// [`EmbedConfig::validate`], and that a message of `bits` bits can be calibrated.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] naming the field.
+    pub fn validate_for(&self, bits: usize) -> Result<(), EngineError> {
+        self.validate()?;
+        if self.responses < bits {
+            return Err(EngineError::Usage {
+                what: "responses".to_owned(),
+                got: self.responses.to_string(),
+                expected: format!("at least one per bit, {bits}"),
+            });
+        }
+        Ok(())
+    }
 }
 
 /// A check of [`EmbedConfig::validate`].

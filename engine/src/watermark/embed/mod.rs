@@ -113,6 +113,7 @@ impl<'a> Embedding<'a> {
     /// # Errors
     /// [`EngineError::Usage`] for impossible settings; when memory runs out or the device fails.
     pub fn prepare(subject: Subject<'a>, config: EmbedConfig) -> Result<Self, EngineError> {
+        config.validate_for(subject.key.bits())?;
         Self::prepare_with(subject, config, Start::Fit)
     }
 

@@ -1,0 +1,168 @@
+//! `guard4d embed`: the quality gate, Ctrl-C and going on.
+
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use guard4d_engine::clip::{Clip, ClipSource};
+use guard4d_engine::scene::ply;
+use guard4d_engine::tensor_file::TensorFile;
+use serde_json::Value;
+
+use super::{Run, command, guard4d, names, put, scratch};
+use crate::scene::fixture::gaussians;
+use crate::support::gpu::{Gpu, device};
+use crate::support::owner::key_file;
+
+/// Training steps; a signal has to arrive between the first and the last.
+const STEPS: &str = "4";
+/// A hang must fail the test; no step takes this long on any machine.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// What an interrupted run leaves beside its output.
+const CHECKPOINT: &str = "out.checkpoint.safetensors";
+
+/// A static model of a few splats and a key, and the arguments of a small embedding into `out` beside them.
+struct Small {
+    folder: tempfile::TempDir,
+    args: Vec<String>,
+}
+
+impl Small {
+    fn new(gpu: &Gpu) -> Self {
+        let folder = scratch();
+        let clip = Clip::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+        let key = put(folder.path(), "owner.key", &key_file(&clip).to_bytes().expect("serialises"));
+        let model = put(folder.path(), "model.ply", &ply::encode(&gaussians(60, 1, 3)));
+        let text = |path: &Path| path.display().to_string();
+        let mut args = vec!["embed".to_owned(), text(&model), "--key".to_owned(), text(&key)];
+        let rest = "--extractor joint --train-clips 2 --responses 16 --size 32x32 --orbit 1 --frames 2 --quiet";
+        args.extend(rest.split(' ').map(str::to_owned));
+        args.extend(["--steps", STEPS].map(str::to_owned));
+        Self { folder, args }
+    }
+
+    fn out(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Arguments that write to `name`, and `more`.
+    fn args(&self, name: &str, more: &[&str]) -> Vec<String> {
+        let out = self.out(name).display().to_string();
+        let more = more.iter().map(|s| (*s).to_owned());
+        self.args.iter().cloned().chain(["--out".to_owned(), out]).chain(more).collect()
+    }
+
+    fn run(&self, name: &str, more: &[&str]) -> Run {
+        let args = self.args(name, more);
+        guard4d(&args.iter().map(|a| a as &dyn AsRef<OsStr>).collect::<Vec<_>>())
+    }
+
+    /// Starts the program and sends it SIGINT as soon as `ready`.
+    fn interrupt(&self, name: &str, more: &[&str], ready: impl Fn() -> bool) -> Run {
+        let args = self.args(name, more);
+        let mut command = command(&args.iter().map(|a| a as &dyn AsRef<OsStr>).collect::<Vec<_>>());
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
+        let started = Instant::now();
+        while !ready() {
+            assert!(started.elapsed() < PATIENCE, "the moment to interrupt never came");
+            assert_eq!(child.try_wait().expect("a child"), None, "the program ended by itself");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+        assert!(sent.is_ok_and(|s| s.success()), "the signal was sent");
+        Run::of(child.wait_with_output().expect("a child"))
+    }
+}
+
+/// Every file below `root` with its bytes; receipts without what a clock wrote.
+fn contents(root: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let (mut found, mut folders) = (Vec::new(), vec![root.to_path_buf()]);
+    while let Some(folder) = folders.pop() {
+        for name in names(&folder) {
+            let path = folder.join(name);
+            if path.is_dir() {
+                folders.push(path);
+                continue;
+            }
+            let mut bytes = fs::read(&path).expect("readable");
+            if path.ends_with("receipt.json") {
+                let mut receipt: Value = serde_json::from_slice(&bytes).expect("JSON");
+                receipt["commitment"].take();
+                receipt["body"]["seconds"].take();
+                bytes = receipt.to_string().into_bytes();
+            }
+            found.push((path.strip_prefix(root).expect("below the root").to_path_buf(), bytes));
+        }
+    }
+    found.sort();
+    found
+}
+
+#[test]
+fn an_interrupted_run_goes_on_to_the_same_bytes() {
+    let Some(gpu) = device() else { return };
+    let small = Small::new(&gpu);
+    let checkpoint = small.out(CHECKPOINT);
+    let stopped = small.interrupt("out", &["--checkpoint-every", "0"], || checkpoint.exists());
+    stopped.refused(75, &["interrupted; checkpoint at", CHECKPOINT, "--resume"]);
+    assert_eq!(
+        names(small.folder.path()),
+        ["model.ply", CHECKPOINT, "owner.key"],
+        "a checkpoint, and no output, whole or partial"
+    );
+    let file = TensorFile::read(&checkpoint).expect("a checkpoint");
+    let step: u32 = file.text("step").expect("a step").parse().expect("a number");
+    assert!((1..4).contains(&step), "stopped after step {step}");
+    let resumed = small.run("out", &["--resume", "--min-accuracy", "0"]);
+    resumed.done();
+    assert_eq!(names(small.folder.path()), ["model.ply", "out", "owner.key"], "a finished run needs no checkpoint");
+
+    // The unbroken run, with a gate that no marked model passes: an infinite PSNR would mean no mark.
+    let missed = small.run("unbroken", &["--json", "--min-accuracy", "0", "--min-psnr", "200"]);
+    assert_eq!(missed.code, 1, "the quality gate: {}", missed.stderr);
+    let said = "quality gate missed: PSNR of whole frames:";
+    assert!(missed.stderr.contains(said) && missed.stderr.contains("at least 200.00 dB"), "{}", missed.stderr);
+    let printed: Value = serde_json::from_str(&missed.stdout).expect("JSON on stdout");
+    assert_eq!(printed["missed"][0]["field"], "psnr", "{printed}");
+    assert_eq!(printed["missed"][0]["got"], printed["psnr"]["mean_of_views_db"], "the measured figure: {printed}");
+    assert_eq!(printed["missed"].as_array().map(Vec::len), Some(1), "the accuracy passes: {printed}");
+    let (unbroken, resumed) = (contents(&small.out("unbroken")), contents(&small.out("out")));
+    assert_eq!(unbroken.len(), 6, "PLY, three private files and two frames");
+    for (a, b) in unbroken.iter().zip(&resumed) {
+        assert_eq!(a.0, b.0, "the same files");
+        assert!(a.1 == b.1, "{}: the same bytes with and without a break", a.0.display());
+    }
+    assert_eq!(unbroken.len(), resumed.len(), "no file more");
+}
+
+#[test]
+fn a_signal_before_the_first_step_leaves_a_checkpoint_too() {
+    let Some(gpu) = device() else { return };
+    let small = Small::new(&gpu);
+    small.run("out", &["--resume"]).refused(66, &[CHECKPOINT, "not found"]);
+    put(small.folder.path(), CHECKPOINT, b"no checkpoint");
+    small.run("out", &["--resume"]).refused(65, &[CHECKPOINT]);
+    assert_eq!(names(small.folder.path()), ["model.ply", CHECKPOINT, "owner.key"], "no output, whole or partial");
+    fs::remove_file(small.out(CHECKPOINT)).expect("writable");
+    let begun = || names(small.folder.path()).iter().any(|name| name.starts_with(".out.partial"));
+    small.interrupt("out", &[], begun).refused(75, &["interrupted; checkpoint at"]);
+    assert_eq!(names(small.folder.path()), ["model.ply", CHECKPOINT, "owner.key"], "the partial output is gone");
+    let file = TensorFile::read(&small.out(CHECKPOINT)).expect("a checkpoint");
+    assert_eq!(file.text("step").expect("a step"), "0", "nothing was done yet");
+}
+
+#[test]
+fn impossible_gates_and_settings_are_refused_before_work() {
+    let Some(gpu) = device() else { return };
+    let mut small = Small::new(&gpu);
+    small.run("out", &["--min-accuracy", "90"]).refused(2, &["least bit accuracy: 90", "a share from 0 to 1"]);
+    small.run("out", &["--min-accuracy", "NaN"]).refused(2, &["least bit accuracy: NaN"]);
+    small.run("out", &["--min-psnr", "inf"]).refused(2, &["least PSNR: inf"]);
+    small.run("out", &["--target-psnr", "10"]).refused(2, &["target PSNR: 10"]);
+    let responses = small.args.iter_mut().find(|arg| *arg == "16").expect("their number");
+    "7".clone_into(responses);
+    small.run("out", &[]).refused(2, &["responses: 7", "at least one per bit, 8"]);
+    assert_eq!(names(small.folder.path()), ["model.ply", "owner.key"], "no output, whole or partial");
+}
