@@ -32,9 +32,9 @@ fn main() {
         let words =
             compile::to_spirv(&unit).unwrap_or_else(|log| panic!("glsl/{}.comp does not compile:\n{log}", unit.name));
         let kernel = reflect::kernel(&unit.name, &words).unwrap_or_else(|why| panic!("glsl/{}.comp: {why}", unit.name));
-        let spv = out.join(format!("{}.spv", unit.name.replace('/', "__")));
+        let spv = format!("{}.spv", unit.name.replace('/', "__"));
         let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
-        fs::write(&spv, bytes).unwrap_or_else(|e| panic!("{}: {e}", spv.display()));
+        fs::write(out.join(&spv), bytes).unwrap_or_else(|e| panic!("{spv}: {e}"));
         kernels.push((kernel, spv));
     }
     let registry = out.join("registry.rs");

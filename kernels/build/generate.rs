@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
 
 use crate::reflect::{Binding, Kernel, Kind, Scalar};
 
-/// The registry's source text, families and kernels sorted by name.
-pub(crate) fn registry(kernels: &[(Kernel, PathBuf)]) -> String {
-    let mut families: BTreeMap<&str, Vec<(&str, &Kernel, &Path)>> = BTreeMap::new();
+/// The registry's source text, families and kernels sorted by name; each kernel comes with its SPIR-V
+/// file's name in `OUT_DIR`. The text depends on the shaders' interfaces alone, so that two compilers
+/// that agree on them yield the same bytes.
+pub(crate) fn registry(kernels: &[(Kernel, String)]) -> String {
+    let mut families: BTreeMap<&str, Vec<(&str, &Kernel, &str)>> = BTreeMap::new();
     for (kernel, spv) in kernels {
         let (family, stem) = kernel.name.split_once('/').expect("names are family/stem");
         families.entry(family).or_default().push((stem, kernel, spv));
@@ -27,7 +28,7 @@ pub(crate) fn registry(kernels: &[(Kernel, PathBuf)]) -> String {
     out
 }
 
-fn module(out: &mut String, stem: &str, kernel: &Kernel, spv: &Path) {
+fn module(out: &mut String, stem: &str, kernel: &Kernel, spv: &str) {
     let _ = writeln!(out, "/// `glsl/{}.comp`.\npub mod {stem} {{", kernel.name);
     params(out, kernel);
     spec(out, kernel);
@@ -37,7 +38,7 @@ fn module(out: &mut String, stem: &str, kernel: &Kernel, spv: &Path) {
     let _ = writeln!(
         out,
         "/// Reflected description.\npub static KERNEL: crate::vk::KernelDef = crate::vk::KernelDef {{ \
-         name: {name:?}, spirv: include_bytes!({spv:?}), bindings: &[{bindings}], \
+         name: {name:?}, spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{spv}\")), bindings: &[{bindings}], \
          params_bytes: {bytes}, spec_ids: &{ids:?}, local_size: [{x}, {y}, {z}] }};\n}}",
         name = kernel.name,
         bytes = kernel.params.len() * 4,

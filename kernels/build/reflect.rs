@@ -78,7 +78,10 @@ pub(crate) fn kernel(name: &str, words: &[u32]) -> Result<Kernel, String> {
     let spec = r.spec_constants()?;
     let local_size = r.local_size()?;
     if !local_size[0].is_multiple_of(8) {
-        return Err(format!("local_size_x is {}, must be a multiple of 8 (lavapipe.md, rule 9)", local_size[0]));
+        return Err(format!(
+            "local_size_x is {}, must be a multiple of 8: lavapipe packs subgroups along x",
+            local_size[0]
+        ));
     }
     Ok(Kernel { name: name.to_owned(), bindings, params, spec, local_size })
 }
@@ -194,7 +197,7 @@ impl<'m> Reflection<'m> {
         let variable = variable.result_id.ok_or("variable without an id")?;
         let readonly = self.decoration(variable, Decoration::NonWritable).is_some();
         if !readonly {
-            return Err(format!("`{}`: store through an SSBO (lavapipe.md, rule 4)", self.names[&variable]));
+            return Err(format!("`{}`: store through an SSBO, imageStore is 7 times slower", self.names[&variable]));
         }
         Ok(Binding {
             name: self.names[&variable].clone(),

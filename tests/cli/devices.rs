@@ -54,7 +54,7 @@ fn devices_are_chosen_by_number() {
         return;
     }
     let Some(library) = software_driver() else {
-        eprintln!("SKIPPED: lavapipe is not here");
+        crate::support::skipped("lavapipe is not here");
         return;
     };
     let folder = scratch();

@@ -90,7 +90,7 @@ fn on_disk(disk: &Path, options: &str, args: &[&dyn AsRef<OsStr>]) -> Option<Run
     // 99 is the mount's failure, 1 that of `unshare` itself.
     let ran = outer.output().ok().filter(|o| o.status.code().is_some_and(|code| code != 99 && code != 1));
     if ran.is_none() {
-        eprintln!("SKIPPED: this user may not mount a small file system");
+        crate::support::skipped("this user may not mount a small file system");
     }
     ran.map(Run::of)
 }
@@ -154,7 +154,7 @@ fn a_full_disk_leaves_nothing_behind() {
 #[test]
 fn results_that_cannot_be_printed_are_an_error() {
     let Ok(full) = fs::File::options().write(true).open("/dev/full") else {
-        eprintln!("SKIPPED: there is no /dev/full");
+        crate::support::skipped("there is no /dev/full");
         return;
     };
     let model = TinyModel::new();

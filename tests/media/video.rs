@@ -17,7 +17,7 @@ fn has_ffmpeg() -> bool {
     let found = Command::new("ffmpeg").arg("-version").output().is_ok_and(|out| out.status.success());
     assert!(found || std::env::var_os("CI").is_none(), "continuous integration needs ffmpeg");
     if !found {
-        eprintln!("SKIPPED: ffmpeg is not here");
+        crate::support::skipped("ffmpeg is not here");
     }
     found
 }

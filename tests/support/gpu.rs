@@ -43,7 +43,7 @@ pub(crate) fn device() -> Option<Gpu> {
         }
         Err(why) => {
             assert!(!required, "no Vulkan device: {why}");
-            eprintln!("SKIPPED: no Vulkan device: {why}");
+            super::skipped(&format!("no Vulkan device: {why}"));
             None
         }
     }

@@ -46,7 +46,7 @@ fn gpu_follows_the_twin() {
                 forward(rec, act, &x_buffer, &mut y)?;
                 backward(rec, act, &x_buffer, &v_y_buffer, &mut v_x)
             });
-            // erf of A&S 7.1.26 is off by 1.5e-7, times |x| <= 8; exp is off by 4e-6 relative (lavapipe.md, 7).
+            // erf of A&S 7.1.26 is off by 1.5e-7, times |x| <= 8; exp is off by 4e-6 relative on lavapipe.
             assert_close(&y.read().expect("read"), &twin::forward(act, &x), 2e-6, 5e-6);
             assert_close(&v_x.read().expect("read"), &twin::backward(act, &x, &v_y), 4e-6, 5e-6);
         }
