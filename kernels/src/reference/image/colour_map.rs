@@ -14,7 +14,7 @@ pub fn backward<R: Real>(map: [[R; 3]; 3], v_y: &[R]) -> Vec<R> {
     for (v_x, v_y) in v_x.chunks_exact_mut(4).zip(v_y.chunks_exact(4)) {
         for (row, v) in map.iter().zip(v_y) {
             for (out, m) in v_x.iter_mut().zip(row) {
-                *out = *out + *m * *v;
+                *out += *m * *v;
             }
         }
     }
