@@ -11,6 +11,7 @@ use guard4d_engine::watermark::null_panel::{ControlKind, ControlState};
 use guard4d_engine::watermark::reading::Reading;
 use guard4d_engine::watermark::tmsd::TmsdConfig;
 
+use crate::support::close::assert_close;
 use crate::support::gpu::{Gpu, device};
 use crate::support::owner::{BITS, Owner, cameras};
 
@@ -75,6 +76,20 @@ fn a_frozen_extractor_stays_as_it_is_and_reads_the_second_copy() {
     let blind = Embedding::prepare_with(subject, owner.config.clone(), frozen);
     let refused = blind.err().expect("a joint extractor cannot pass for a blind one");
     assert_eq!(refused.exit_code(), 2, "{refused}");
+}
+
+#[test]
+fn joint_gains_nothing_from_what_the_control_shows_too() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let config = joint(&owner);
+    let mut embedding = Embedding::prepare(owner.subject(&gpu), config.clone()).expect("prepares");
+    let report = embedding.step().expect("steps").expect("there is a first step");
+    // Before the first update the marked clip is the clean one, which is the first control: every logit differs by
+    // exactly 0 from the control's, whatever R and the decoder say of them, and misses the margin by all of it.
+    let nothing = config.margin.exp().ln_1p();
+    // A sum of 128 equal terms in f32, divided by 128.
+    assert_close(&[report.message], &[nothing], 1e-4, 0.0);
 }
 
 #[test]
