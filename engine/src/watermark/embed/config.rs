@@ -124,8 +124,8 @@ impl EmbedConfig {
     #[must_use]
     pub fn new(profile: Profile, mode: ExtractorMode) -> Self {
         let (steps, views, size, responses) = match profile {
-            Profile::Draft => (400, 144, 200, 64),
-            Profile::Balanced => (500, 144, 400, 64),
+            Profile::Draft => (600, 96, 200, 64),
+            Profile::Balanced => (900, 144, 400, 64),
         };
         Self {
             profile,
