@@ -12,7 +12,7 @@ mod measure;
 mod row;
 mod summary;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Parser, ValueEnum};
 use guard4d_engine::EngineError;
@@ -120,13 +120,21 @@ fn main() -> Result<(), EngineError> {
                         continue;
                     }
                     ledger.append(study.measure(&args, case)?.row())?;
-                    for (file, text) in [("study.md", summary::markdown(&ledger)), ("study.svg", chart::svg(&ledger))] {
-                        AtomicFile::write(&folder.join(file), Existing::Replace, text.as_bytes())?;
-                    }
+                    summarise(&ledger, &folder)?;
                 }
             }
         }
     }
+    // Also when every row was there: rows may have come from another machine.
+    summarise(&ledger, &folder)?;
     eprintln!("{}", folder.join("study.md").display());
+    Ok(())
+}
+
+/// Writes tables and chart of all rows.
+fn summarise(ledger: &Ledger, folder: &Path) -> Result<(), EngineError> {
+    for (file, text) in [("study.md", summary::markdown(ledger)), ("study.svg", chart::svg(ledger))] {
+        AtomicFile::write(&folder.join(file), Existing::Replace, text.as_bytes())?;
+    }
     Ok(())
 }
