@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use guard4d_engine::EngineError;
 use guard4d_engine::media::encode::{EncodeOptions, write_mp4};
@@ -101,15 +100,6 @@ fn assert_only_colour_changed(original: &[u8], marked: &[u8]) {
         }
     }
     assert!(changed > 0, "there is a mark");
-}
-
-fn has_ffmpeg() -> bool {
-    let found = Command::new("ffmpeg").arg("-version").output().is_ok_and(|out| out.status.success());
-    assert!(found || std::env::var_os("CI").is_none(), "continuous integration needs ffmpeg");
-    if !found {
-        crate::support::skipped("ffmpeg is not here");
-    }
-    found
 }
 
 #[test]
@@ -266,7 +256,7 @@ fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
     let message = owner.message;
     let case = Case { device: gpu, clip: &owner.clip, key: &owner.key, message, receipt: &receipt };
     let mut suspects = vec![out.join("preview")];
-    if has_ffmpeg() {
+    if crate::support::has_ffmpeg() {
         let model = Model::open(&out.join(MARKED)).expect("the marked model opens");
         let frames: Vec<Frame> = clean_clips(gpu, &model, &cameras()).expect("renders").concat();
         suspects.push(out.join("marked.mp4"));

@@ -202,6 +202,26 @@ impl TensorFile {
         })
     }
 
+    /// What is wrong with an entry of this file.
+    #[must_use]
+    pub fn bad(&self, field: &str, got: &str, expected: &str) -> EngineError {
+        EngineError::BadData {
+            path: self.path.clone(),
+            field: field.to_owned(),
+            got: got.to_owned(),
+            expected: expected.to_owned(),
+        }
+    }
+
+    /// Refuses a metadata entry `name` that is not `expected`.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] when it is missing or another.
+    pub fn expect_text(&self, name: &str, expected: &str) -> Result<(), EngineError> {
+        let got = self.text(name)?;
+        if got == expected { Ok(()) } else { Err(self.bad(name, got, expected)) }
+    }
+
     fn wrong(&self, name: &str, got: &Tensor, expected: &str) -> EngineError {
         let kind = match got.values {
             Values::F32(_) => "f32",

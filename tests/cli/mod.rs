@@ -90,13 +90,3 @@ fn put(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
     fs::write(&path, bytes).expect("a temporary folder is writable");
     path
 }
-
-/// Whether there is ffmpeg, which continuous integration must have.
-fn has_ffmpeg() -> bool {
-    let found = Command::new("ffmpeg").arg("-version").output().is_ok_and(|out| out.status.success());
-    assert!(found || std::env::var_os("CI").is_none(), "continuous integration needs ffmpeg");
-    if !found {
-        crate::support::skipped("ffmpeg is not here");
-    }
-    found
-}

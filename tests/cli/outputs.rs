@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::scene::ply;
 
-use super::{Run, command, guard4d, has_ffmpeg, names, put, scratch};
+use super::{Run, command, guard4d, names, put, scratch};
 use crate::scene::fixture::{TinyModel, gaussians};
 use crate::support::gpu::device;
 use crate::support::owner::key_file;
@@ -49,7 +49,7 @@ fn what_exists_is_kept_unless_asked() {
     );
     let left = ["clip.mp4", "frames", "marked", "out.safetensors", "owner.key"];
     assert_eq!(names(folder.path()), left, "no partial output is left");
-    if has_ffmpeg() {
+    if crate::support::has_ffmpeg() {
         let over: [&dyn AsRef<OsStr>; 5] = [&"render", &model, &"-w", &"--out", &video];
         guard4d(&[&over[..], &small[..]].concat()).done();
         assert!(fs::read(&video).expect("readable").len() > 100, "the video is replaced");
@@ -139,7 +139,7 @@ fn a_full_disk_leaves_nothing_behind() {
     let settings: Vec<&str> = settings.split(' ').collect();
     embed.extend(settings.iter().map(|word| word as &dyn AsRef<OsStr>));
     let mut commands = vec![("16k", embed), ("64k", dump.to_vec()), ("64k", [frames, &[&out]].concat())];
-    if has_ffmpeg() {
+    if crate::support::has_ffmpeg() {
         commands.push(("4k", [frames, &[&video]].concat()));
     }
     for (size, args) in commands {

@@ -10,7 +10,7 @@ use guard4d_engine::media::encode::{EncodeOptions, write_mp4};
 use guard4d_engine::media::frames::{write_png, write_png_folder};
 use guard4d_engine::tensor_file::TensorFile;
 
-use super::{Run, guard4d, has_ffmpeg, names, put, scratch};
+use super::{Run, guard4d, names, put, scratch};
 use crate::support::gpu::device;
 use crate::support::owner::delivered;
 
@@ -65,7 +65,7 @@ fn clips_that_are_no_clips_are_refused() {
 #[test]
 fn videos_without_frames_are_refused() {
     let Some(gpu) = device() else { return };
-    if !has_ffmpeg() {
+    if !crate::support::has_ffmpeg() {
         return;
     }
     let owner = delivered(&gpu);
@@ -114,7 +114,7 @@ fn unmarked_clips_are_absent_and_clips_that_prove_nothing_inconclusive() {
     let small = folder.path().join("small");
     write_png_folder(&small, &[(); 8].map(|()| grey(32, 48, 0))).expect("writable");
     inconclusive(&small, "frames of 32 px, 64 px needed");
-    if has_ffmpeg() {
+    if crate::support::has_ffmpeg() {
         inconclusive(&video(folder.path(), "single.mp4", (64, 64), 1), "1 of at least 8 frames");
         inconclusive(&video(folder.path(), "small.mp4", (48, 32), 8), "frames of 32 px, 64 px needed");
     }

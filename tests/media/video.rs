@@ -12,16 +12,6 @@ use guard4d_engine::media::frames::write_png_folder;
 use guard4d_engine::media::{Clip, Frame, Integrity, ReadOptions, read_clip};
 use guard4d_engine::watermark::metrics::{Picture, PsnrSummary, SquaredError};
 
-/// Whether ffmpeg is here; without it the test is skipped, in continuous integration it fails.
-fn has_ffmpeg() -> bool {
-    let found = Command::new("ffmpeg").arg("-version").output().is_ok_and(|out| out.status.success());
-    assert!(found || std::env::var_os("CI").is_none(), "continuous integration needs ffmpeg");
-    if !found {
-        crate::support::skipped("ffmpeg is not here");
-    }
-    found
-}
-
 /// Runs ffmpeg with words separated by blanks; the output path comes last.
 fn ffmpeg(words: &str, output: &Path) {
     let run = Command::new("ffmpeg").args(["-v", "error", "-y"]).args(words.split(' ')).arg(output).output();
@@ -60,7 +50,7 @@ fn written(folder: &Path, frames: &[Frame], options: &EncodeOptions) -> PathBuf 
 
 #[test]
 fn mp4_keeps_frames_size_rate_and_colour() {
-    if !has_ffmpeg() {
+    if !crate::support::has_ffmpeg() {
         return;
     }
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -82,7 +72,7 @@ fn mp4_keeps_frames_size_rate_and_colour() {
 
 #[test]
 fn mp4_is_tagged_bt709_limited_with_the_index_first() {
-    if !has_ffmpeg() {
+    if !crate::support::has_ffmpeg() {
         return;
     }
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -104,7 +94,7 @@ fn mp4_is_tagged_bt709_limited_with_the_index_first() {
 
 #[test]
 fn black_white_and_grey_keep_their_levels() {
-    if !has_ffmpeg() {
+    if !crate::support::has_ffmpeg() {
         return;
     }
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -120,7 +110,7 @@ fn black_white_and_grey_keep_their_levels() {
 
 #[test]
 fn range_and_matrix_tags_are_honoured() {
-    if !has_ffmpeg() {
+    if !crate::support::has_ffmpeg() {
         return;
     }
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -148,7 +138,7 @@ fn range_and_matrix_tags_are_honoured() {
 
 #[test]
 fn untagged_video_is_bt601_below_720_lines_and_bt709_from_there() {
-    if !has_ffmpeg() {
+    if !crate::support::has_ffmpeg() {
         return;
     }
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -168,7 +158,7 @@ fn untagged_video_is_bt601_below_720_lines_and_bt709_from_there() {
 
 #[test]
 fn lossless_video_and_png_folder_hash_alike() {
-    if !has_ffmpeg() {
+    if !crate::support::has_ffmpeg() {
         return;
     }
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -183,7 +173,7 @@ fn lossless_video_and_png_folder_hash_alike() {
 
 #[test]
 fn variable_frame_rate_and_rotation_are_taken_as_stored() {
-    if !has_ffmpeg() {
+    if !crate::support::has_ffmpeg() {
         return;
     }
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -200,7 +190,7 @@ fn variable_frame_rate_and_rotation_are_taken_as_stored() {
 
 #[test]
 fn transparency_is_laid_over_the_background() {
-    if !has_ffmpeg() {
+    if !crate::support::has_ffmpeg() {
         return;
     }
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -213,7 +203,7 @@ fn transparency_is_laid_over_the_background() {
 
 #[test]
 fn corrupt_and_strange_files_are_refused_and_damage_is_told() {
-    if !has_ffmpeg() {
+    if !crate::support::has_ffmpeg() {
         return;
     }
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -249,7 +239,7 @@ fn corrupt_and_strange_files_are_refused_and_damage_is_told() {
 
 #[test]
 fn odd_sizes_are_refused_or_extended() {
-    if !has_ffmpeg() {
+    if !crate::support::has_ffmpeg() {
         return;
     }
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -264,7 +254,7 @@ fn odd_sizes_are_refused_or_extended() {
 
 #[test]
 fn refused_and_unfinished_videos_leave_no_file() {
-    if !has_ffmpeg() {
+    if !crate::support::has_ffmpeg() {
         return;
     }
     let folder = tempfile::tempdir().expect("a temporary folder");

@@ -37,3 +37,13 @@ pub(crate) fn skipped(why: &str) {
     // A closed standard error is no reason to fail.
     let _ = std::io::stderr().write_all(line.as_bytes());
 }
+
+/// Whether ffmpeg is here; without it a test is skipped, in continuous integration it fails.
+pub(crate) fn has_ffmpeg() -> bool {
+    let found = std::process::Command::new("ffmpeg").arg("-version").output().is_ok_and(|out| out.status.success());
+    assert!(found || std::env::var_os("CI").is_none(), "continuous integration needs ffmpeg");
+    if !found {
+        skipped("ffmpeg is not here");
+    }
+    found
+}

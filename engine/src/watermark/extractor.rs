@@ -77,21 +77,9 @@ impl ExtractorWeights {
     /// [`EngineError::BadData`] naming what does not fit.
     pub fn read(path: &Path, key: &Key) -> Result<Self, EngineError> {
         let file = TensorFile::read(path)?;
-        let expect = |field: &str, expected: &str| {
-            let got = file.text(field)?;
-            if got == expected {
-                return Ok(());
-            }
-            Err(EngineError::BadData {
-                path: path.to_owned(),
-                field: field.to_owned(),
-                got: got.to_owned(),
-                expected: expected.to_owned(),
-            })
-        };
-        expect("format", FORMAT)?;
-        expect("key_id", &key.prf().key_id().to_string())?;
-        expect("clip", &key.clip.to_string())?;
+        file.expect_text("format", FORMAT)?;
+        file.expect_text("key_id", &key.prf().key_id().to_string())?;
+        file.expect_text("clip", &key.clip.to_string())?;
         let word = file.text("mode")?;
         let mode = serde_json::from_value(word.into()).map_err(|e| EngineError::BadData {
             path: path.to_owned(),

@@ -167,23 +167,15 @@ impl Key {
     /// [`EngineError::BadData`] naming what does not fit.
     pub fn read(path: &Path, clip: &Clip) -> Result<Self, EngineError> {
         let file = TensorFile::read(path)?;
-        let bad = |field: &str, got: &str, expected: &str| EngineError::BadData {
-            path: path.to_owned(),
-            field: field.to_owned(),
-            got: got.to_owned(),
-            expected: expected.to_owned(),
-        };
-        let format = file.text("format")?;
-        if format != FORMAT {
-            return Err(bad("format", format, FORMAT));
-        }
+        file.expect_text("format", FORMAT)?;
         let bits_text = file.text("bits")?;
-        let bits: u32 = bits_text.parse().map_err(|_| bad("bits", bits_text, "a number"))?;
+        let bits: u32 = bits_text.parse().map_err(|_| file.bad("bits", bits_text, "a number"))?;
         let mut secret = [0; 32];
         hex::decode_to_slice(file.text("secret")?, &mut secret)
-            .map_err(|e| bad("secret", &e.to_string(), "64 hex digits"))?;
+            .map_err(|e| file.bad("secret", &e.to_string(), "64 hex digits"))?;
         let clip_text = file.text("clip")?;
-        let clip_digest = Digest::from_hex(clip_text).ok_or_else(|| bad("clip", clip_text, "a hash of 64 digits"))?;
+        let clip_digest =
+            Digest::from_hex(clip_text).ok_or_else(|| file.bad("clip", clip_text, "a hash of 64 digits"))?;
         // Another checkpoint's sizes would make the checks below speak of something else.
         check_clip(path, clip_digest, clip)?;
         let secret = MasterSecret::from_bytes(secret);
@@ -197,7 +189,7 @@ impl Key {
             secret,
         };
         if file.integers("token_table", &[bits as usize, 2])? != key.table.ids().as_flattened() {
-            return Err(bad("token_table", "a table that does not follow from the secret", "the derived table"));
+            return Err(file.bad("token_table", "a table that does not follow from the secret", "the derived table"));
         }
         Ok(key)
     }

@@ -55,20 +55,12 @@ impl Embedding<'_> {
     /// [`EngineError::BadData`] when it belongs to another embedding or is damaged.
     pub fn restore(&mut self, path: &Path) -> Result<(), EngineError> {
         let file = TensorFile::read(path)?;
-        let bad = |field: &str, got: &str, expected: &str| EngineError::BadData {
-            path: path.to_owned(),
-            field: field.to_owned(),
-            got: got.to_owned(),
-            expected: expected.to_owned(),
-        };
-        if file.text("format")? != FORMAT {
-            return Err(bad("format", file.text("format")?, FORMAT));
-        }
+        file.expect_text("format", FORMAT)?;
         if file.text("identity")? != self.identity() {
-            return Err(bad("identity", "another embedding", "the same model, key, message and settings"));
+            return Err(file.bad("identity", "another embedding", "the same model, key, message and settings"));
         }
         let step = file.text("step")?;
-        let step: usize = step.parse().map_err(|_| bad("step", step, "a number"))?;
+        let step: usize = step.parse().map_err(|_| file.bad("step", step, "a number"))?;
         let held = file.floats("held", &[2])?;
         let (mean_mse, keep) = ((!held[0].is_nan()).then_some(held[0]), held[1]);
         load(&file, "offsets", &mut self.stage.offsets, &mut self.stage.offsets_state, step)?;

@@ -3,6 +3,7 @@
 //! Nothing here sees a message or a marked clip: the inputs are unmarked clips, random offsets, and the key's
 //! public-to-itself geometry (token directions).
 
+use guard4d_kernels::image::colour_map::ColourMap;
 use guard4d_kernels::image::noise::Noise;
 use guard4d_kernels::image::quantize;
 use guard4d_kernels::image::resize;
@@ -63,7 +64,7 @@ pub(super) fn extractor(
     };
     let calibration = Calibration::fit(&data, &mut prf.stream(Stream::Calibration, config.seed))?;
     let mut weights = ExtractorWeights { mode: config.mode, tmsd, calibration };
-    set_zero(device, clip, key, &mut weights, (config, clips, stage))?;
+    set_zero(device, key, &mut features, &mut weights, (config, clips, stage))?;
     Ok(weights)
 }
 
@@ -73,14 +74,13 @@ pub(super) fn extractor(
 /// word; with it the bits fall by content, and each bit's threshold lies in the middle.
 pub(super) fn set_zero(
     device: &Device,
-    clip: &Clip,
     key: &Key,
+    features: &mut FeatureExtractor,
     weights: &mut ExtractorWeights,
     (config, clips, stage): (&EmbedConfig, &[TrainingClip], &mut Stage),
 ) -> Result<(), EngineError> {
     let bits = key.bits();
     weights.calibration.mean_logits = vec![0.0; bits];
-    let mut features = FeatureExtractor::new(device, clip, weights.tmsd.as_ref(), 1, Purpose::Features)?;
     let decoder = Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;
     let mut pass = decoder.pass(device, CLIP_FRAMES)?;
     let sigma = (config.noise_sigma.0 * config.noise_sigma.1).sqrt();
@@ -125,7 +125,7 @@ fn second_moment(clips: &[TrainingClip]) -> Result<Matrix3<f64>, EngineError> {
 /// G λ² (M + λ²)⁻¹: keeps and amplifies the colour directions that the asset leaves unused, and silences the
 /// others.
 #[allow(clippy::cast_possible_truncation, reason = "weights are single precision")]
-fn colour_map(moment: &Matrix3<f64>, gain: f64, level: f64) -> [[f32; 3]; 3] {
+fn colour_map(moment: &Matrix3<f64>, gain: f64, level: f64) -> ColourMap {
     let eigen = SymmetricEigen::new(*moment);
     let gains = eigen.eigenvalues.map(|w| gain * level * level / (w.max(0.0) + level * level));
     let map = eigen.eigenvectors * Matrix3::from_diagonal(&gains) * eigen.eigenvectors.transpose();

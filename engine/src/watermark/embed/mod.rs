@@ -231,7 +231,9 @@ impl<'a> Embedding<'a> {
         {
             self.weights.tmsd = Some(tmsd.weights()?);
             let Subject { device, clip, key, .. } = self.subject;
-            fit::set_zero(device, clip, key, &mut self.weights, (&self.config, &self.clips, &mut self.stage))?;
+            let mut features = FeatureExtractor::new(device, clip, self.weights.tmsd.as_ref(), 1, Purpose::Features)?;
+            let unmarked = (&self.config, self.clips.as_slice(), &mut self.stage);
+            fit::set_zero(device, key, &mut features, &mut self.weights, unmarked)?;
         }
         Ok(Embedded {
             sh_coeffs,
