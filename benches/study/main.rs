@@ -34,7 +34,7 @@ pub(crate) struct Args {
     /// Extractor modes
     #[arg(long, value_delimiter = ',', default_value = "none,blind,joint")]
     modes: Vec<Mode>,
-    /// Whole-frame fidelities to hold, in dB
+    /// Whole-frame fidelities to measure the mark at, in dB, besides its own: its strength is chosen on training views
     #[arg(long, value_delimiter = ',', default_value = "30,34,38,42")]
     psnr: Vec<f32>,
     /// Seeds; each has a key, a message, views and times of its own
@@ -113,15 +113,15 @@ fn main() -> Result<(), EngineError> {
     for &seed in &args.seeds {
         for model in 0..args.models.len() {
             for mode in &args.modes {
-                for &target_psnr in &args.psnr {
-                    let case = Case { model, mode: mode.extractor(), target_psnr, seed };
-                    if study.is_measured(&ledger, &args, case) {
-                        eprintln!("{}: is there", study.name(&args, case));
-                        continue;
-                    }
-                    ledger.append(study.measure(&args, case)?.row())?;
-                    summarise(&ledger, &folder)?;
+                let case = Case { model, mode: mode.extractor(), seed };
+                if study.is_measured(&ledger, &args, case) {
+                    eprintln!("{}: is there", study.name(&args, case));
+                    continue;
                 }
+                for measured in study.measure(&args, case)? {
+                    ledger.append(measured.row())?;
+                }
+                summarise(&ledger, &folder)?;
             }
         }
     }

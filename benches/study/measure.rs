@@ -1,5 +1,6 @@
 //! Measures one case: embeds, films unseen views, reads.
 
+use std::fmt;
 use std::path::Path;
 
 use guard4d_engine::EngineError;
@@ -7,10 +8,12 @@ use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::media::Frame;
 use guard4d_engine::output::Existing;
 use guard4d_engine::scene::{CameraSet, ImageSize, Model};
-use guard4d_engine::watermark::cross_examination::{OtherScene, Witnesses, cross_examine, read_swap, swap_message};
+use guard4d_engine::watermark::cross_examination::{
+    CrossExamination, OtherScene, Witnesses, cross_examine, read_swap, swap_message,
+};
 use guard4d_engine::watermark::digest::Digest;
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Start, Subject};
-use guard4d_engine::watermark::evaluate::HeldOut;
+use guard4d_engine::watermark::evaluate::{Evaluation, HeldOut};
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::extractor::ExtractorWeights;
 use guard4d_engine::watermark::key::{Key, digest_of};
@@ -29,14 +32,46 @@ const SHORT_HASH: usize = 12;
 /// Steps between two lines of progress.
 const PROGRESS: usize = 100;
 
-/// What is embedded where, and how faithfully.
+/// What is embedded where.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Case {
     /// Index among the models.
     pub(crate) model: usize,
     pub(crate) mode: ExtractorMode,
-    pub(crate) target_psnr: f32,
     pub(crate) seed: u8,
+}
+
+/// How visible the mark is that a row measures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Fidelity {
+    /// As the embedding leaves it.
+    Own,
+    /// Made stronger or weaker until training views are at this PSNR, in dB.
+    Target(f32),
+}
+
+impl Fidelity {
+    /// Factor on the offsets.
+    fn strength(self, embedded: &Embedded) -> f32 {
+        match self {
+            Self::Own => 1.0,
+            Self::Target(psnr) => embedded.strength_for(psnr),
+        }
+    }
+}
+
+impl fmt::Display for Fidelity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Own => f.write_str("own"),
+            Self::Target(psnr) => write!(f, "{psnr}"),
+        }
+    }
+}
+
+/// All that a case is measured at.
+fn fidelities(args: &Args) -> impl Iterator<Item = Fidelity> {
+    std::iter::once(Fidelity::Own).chain(args.psnr.iter().copied().map(Fidelity::Target))
 }
 
 /// A model with its unseen views.
@@ -83,21 +118,23 @@ impl Study {
     /// A case in words.
     pub(crate) fn name(&self, args: &Args, case: Case) -> String {
         let mode = format!("{:?}", case.mode).to_lowercase();
-        let Case { target_psnr, seed, .. } = case;
-        format!("{} {mode} {target_psnr} dB, {} bits, seed {seed}", self.scenes[case.model].name, args.bits)
+        format!("{} {mode}, {} bits, seed {}", self.scenes[case.model].name, args.bits, case.seed)
     }
 
-    /// Whether the ledger has this case, with a message swap if one is asked for.
+    /// Whether the ledger has this case at every fidelity, with a message swap if one is asked for.
     pub(crate) fn is_measured(&self, ledger: &Ledger, args: &Args, case: Case) -> bool {
         let settings = settings(&config(args, case));
-        let model = self.scenes[case.model].name.clone();
-        let cells = [self.origin.clip.clone(), model, args.bits.to_string(), case.seed.to_string(), settings];
-        let wanted: Vec<_> = IDENTITY.into_iter().zip(cells).collect();
-        ledger.find(&wanted).is_some_and(|row| !args.swap || !ledger.cell(row, "swap_second").is_empty())
+        fidelities(args).all(|fidelity| {
+            let scene = [self.origin.clip.clone(), self.scenes[case.model].name.clone()];
+            let numbers = [args.bits.to_string(), case.seed.to_string(), settings.clone(), fidelity.to_string()];
+            let wanted: Vec<_> = IDENTITY.into_iter().zip(scene.into_iter().chain(numbers)).collect();
+            let swapped = |row| fidelity != Fidelity::Own || !ledger.cell(row, "swap_second").is_empty();
+            ledger.find(&wanted).is_some_and(|row| !args.swap || swapped(row))
+        })
     }
 
-    /// Embeds and reads.
-    pub(crate) fn measure(&self, args: &Args, case: Case) -> Result<Measured, EngineError> {
+    /// Embeds once, and reads at every fidelity.
+    pub(crate) fn measure(&self, args: &Args, case: Case) -> Result<Vec<Measured>, EngineError> {
         let load = host::load();
         let name = self.name(args, case);
         let scene = &self.scenes[case.model];
@@ -111,31 +148,54 @@ impl Study {
         let embedding = Embedding::prepare(subject, config.clone())?;
         let fitted = embedding.fitted().clone();
         let embedded = train(embedding, &name)?;
+        let swap = |()| self.second_copy(&subject, scene, &config, (&embedded.extractor, &name));
+        let mut second_copy = args.swap.then_some(()).map(swap).transpose()?;
+        let witnesses = (self.others(case.model), stranger, (case.mode == ExtractorMode::Joint).then_some(fitted));
+        let mut rows = Vec::new();
+        for fidelity in fidelities(args) {
+            let strength = fidelity.strength(&embedded);
+            let (evaluation, examination) = self.read(&subject, scene, (&embedded, strength), &witnesses)?;
+            let (marked, psnr) = (100.0 * evaluation.marked, evaluation.psnr.mean_of_views_db.0);
+            eprintln!("{name}, {fidelity}: {marked:.1} % at {psnr:.2} dB, clean {:.1} %", 100.0 * evaluation.clean);
+            rows.push(Measured {
+                origin: self.origin.clone(),
+                model: scene.name.clone(),
+                settings: settings(&config),
+                config: config.clone(),
+                fidelity: fidelity.to_string(),
+                strength,
+                evaluation,
+                examination,
+                second_copy: if fidelity == Fidelity::Own { second_copy.take() } else { None },
+                steps: embedded.steps,
+                parts: embedded.part_seconds(),
+                seconds: embedded.seconds.clone(),
+                load: load.clone(),
+            });
+        }
+        Ok(rows)
+    }
+
+    /// Clean clips of the models that a case does not mark.
+    fn others(&self, marked: usize) -> Vec<OtherScene<'_>> {
+        let others = self.scenes.iter().enumerate().filter(|(i, _)| *i != marked);
+        others.map(|(_, s)| OtherScene { name: &s.name, clips: &s.clean }).collect()
+    }
+
+    /// Films a mark of some strength and reads it.
+    fn read(
+        &self,
+        subject: &Subject<'_>,
+        scene: &Scene,
+        (embedded, strength): (&Embedded, f32),
+        (others, stranger, untrained): &(Vec<OtherScene<'_>>, Key, Option<ExtractorWeights>),
+    ) -> Result<(Evaluation, CrossExamination), EngineError> {
+        let sh_coeffs = embedded.with_strength(&scene.model.gaussians.sh_coeffs, strength);
+        let held_out = HeldOut::shoot(&self.device, &scene.model, &sh_coeffs, &scene.cameras)?;
         let extractor = &embedded.extractor;
-        let held_out = HeldOut::shoot(&self.device, &scene.model, &embedded.sh_coeffs, &scene.cameras)?;
-        let evaluation = held_out.evaluate(&self.device, &self.clip, &key, extractor, &message)?;
-        let others: Vec<_> = (0..self.scenes.len()).filter(|&i| i != case.model).map(|i| &self.scenes[i]).collect();
-        let others: Vec<_> = others.iter().map(|s| OtherScene { name: &s.name, clips: &s.clean }).collect();
-        let untrained = (case.mode == ExtractorMode::Joint).then_some(&fitted);
-        let witnesses = Witnesses { scenes: &others, stranger: &stranger, untrained };
-        let examination = cross_examine(&subject, extractor, &held_out, &witnesses)?;
-        let swap = |()| self.second_copy(&subject, scene, &config, (extractor, &name));
-        let second_copy = args.swap.then_some(()).map(swap).transpose()?;
-        let (marked, psnr) = (100.0 * evaluation.marked, evaluation.psnr.mean_of_views_db.0);
-        eprintln!("{name}: {marked:.1} % at {psnr:.2} dB, clean {:.1} %", 100.0 * evaluation.clean);
-        Ok(Measured {
-            origin: self.origin.clone(),
-            model: scene.name.clone(),
-            settings: settings(&config),
-            config,
-            evaluation,
-            examination,
-            second_copy,
-            steps: embedded.steps,
-            parts: embedded.part_seconds(),
-            seconds: embedded.seconds,
-            load,
-        })
+        let evaluation = held_out.evaluate(&self.device, &self.clip, subject.key, extractor, subject.message)?;
+        let witnesses = Witnesses { scenes: others, stranger, untrained: untrained.as_ref() };
+        Ok((evaluation, cross_examine(subject, extractor, &held_out, &witnesses)?))
     }
 
     /// Another copy for the same, now frozen extractor.
@@ -185,7 +245,7 @@ fn stranger(args: &Args, seed: u8) -> u8 {
 }
 
 fn config(args: &Args, case: Case) -> EmbedConfig {
-    let profile = EmbedConfig::new(args.profile.profile(), case.mode).with_target(case.target_psnr);
+    let profile = EmbedConfig::new(args.profile.profile(), case.mode);
     EmbedConfig {
         steps: args.steps.unwrap_or(profile.steps),
         size_px: (args.size, args.size),

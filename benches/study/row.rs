@@ -12,7 +12,7 @@ use guard4d_engine::watermark::null_panel::{ControlState, Leak};
 use crate::ledger::Row;
 
 /// Columns that tell one measurement from another; `settings` stands for all numbers of the embedding but the seed.
-pub(crate) const IDENTITY: [&str; 5] = ["clip", "model", "bits", "seed", "settings"];
+pub(crate) const IDENTITY: [&str; 6] = ["clip", "model", "bits", "seed", "settings", "target_db"];
 
 /// Source and machine of a run.
 #[derive(Clone, Debug)]
@@ -38,6 +38,10 @@ pub(crate) struct Measured {
     pub(crate) model: String,
     pub(crate) config: EmbedConfig,
     pub(crate) settings: String,
+    /// `own`, or the PSNR in dB that the mark's strength was chosen for.
+    pub(crate) fidelity: String,
+    /// Factor on the offsets.
+    pub(crate) strength: f32,
     pub(crate) evaluation: Evaluation,
     pub(crate) examination: CrossExamination,
     pub(crate) second_copy: Option<SecondCopy>,
@@ -70,7 +74,8 @@ fn table() -> Vec<(String, Fill)> {
     add("size_px", |m| format!("{}x{}", m.config.size_px.0, m.config.size_px.1));
     add("steps", |m| m.steps.to_string());
     add("seed", |m| m.config.seed.to_string());
-    add("target_db", |m| m.config.target_psnr.to_string());
+    add("target_db", |m| m.fidelity.clone());
+    add("strength", |m| format!("{:.4}", m.strength));
     add("settings", |m| m.settings.clone());
     add("psnr_db", |m| decibels(m.evaluation.psnr.mean_of_views_db.0));
     add("psnr_pooled_db", |m| decibels(m.evaluation.psnr.pooled_db.0));

@@ -56,6 +56,24 @@ pub struct Embedded {
     pub device_seconds: BTreeMap<&'static str, f64>,
     /// Steps taken.
     pub steps: usize,
+    /// Running mean of the squared error of training frames.
+    pub mse: f32,
+}
+
+impl Embedded {
+    /// How much stronger the mark must be for training frames to come down to `psnr` dB; below 1 if weaker.
+    ///
+    /// Colours are linear in the offsets as long as none is clamped, so this is off by what clamping takes.
+    #[must_use]
+    pub fn strength_for(&self, psnr: f32) -> f32 {
+        if self.mse > 0.0 { (10f32.powf(-0.1 * psnr) / self.mse).sqrt() } else { 1.0 }
+    }
+
+    /// The coefficients `clean + strength × offsets`; `clean` are those of the unmarked model.
+    #[must_use]
+    pub fn with_strength(&self, clean: &[f32], strength: f32) -> Vec<f32> {
+        clean.iter().zip(&self.sh_coeffs).map(|(c, m)| if c == m { *m } else { c + strength * (m - c) }).collect()
+    }
 }
 
 /// What an embedding works on.
@@ -241,6 +259,7 @@ impl<'a> Embedding<'a> {
             seconds: self.seconds,
             device_seconds: self.device_seconds,
             steps: self.step,
+            mse: self.mean_mse.unwrap_or(0.0),
         })
     }
 }
