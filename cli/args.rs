@@ -17,10 +17,10 @@ pub(crate) struct Cli {
 
 /// Shown below `--help`; `EngineError::exit_code` and `Outcome` give these numbers.
 const EXIT_CODES: &str = "Exit codes:
-  0   done; verify: the mark is present
-  1   verify: absent; embed: the quality gate was missed (the receipt has the numbers)
+  0   done; verify, demo: the mark is present
+  1   verify, demo: absent; embed: the quality gate was missed (the receipt has the numbers)
   2   wrong usage
-  4   verify: inconclusive
+  4   verify, demo: inconclusive
   65  an input's content is wrong          66  an input is missing
   69  no suitable device or program        70  internal error
   73  an output cannot be created          74  reading or writing failed
@@ -78,6 +78,44 @@ pub(crate) struct DemoArgs {
     /// Seed of cameras and noise
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,
+    #[command(flatten)]
+    pub(crate) short: ShortDemoArgs,
+}
+
+/// For a demonstration that proves nothing but ends soon, as tests need it; `--help` does not show them.
+#[derive(Args, Debug)]
+#[command(mut_arg("steps", |arg| arg.hide(true)))]
+#[command(mut_arg("train_clips", |arg| arg.hide(true)))]
+#[command(mut_arg("responses", |arg| arg.hide(true)))]
+pub(crate) struct ShortDemoArgs {
+    #[command(flatten)]
+    pub(crate) effort: EffortArgs,
+    /// Picture size WIDTHxHEIGHT
+    #[arg(long, hide = true, value_parser = parse_size)]
+    pub(crate) size: Option<(u32, u32)>,
+    /// Film this many of the frames that training never saw instead of all
+    #[arg(long, hide = true)]
+    pub(crate) frames: Option<usize>,
+    /// Owner key instead of a fresh one
+    #[arg(long, hide = true)]
+    pub(crate) key: Option<PathBuf>,
+    /// Wrong key instead of a fresh one
+    #[arg(long, hide = true)]
+    pub(crate) wrong_key: Option<PathBuf>,
+}
+
+/// How much an embedding is trained.
+#[derive(Args, Debug)]
+pub(crate) struct EffortArgs {
+    /// Training steps instead of the profile's
+    #[arg(long)]
+    pub(crate) steps: Option<u32>,
+    /// Training clips instead of the profile's
+    #[arg(long)]
+    pub(crate) train_clips: Option<u32>,
+    /// Random offset fields that the calibration is fitted to, instead of the profile's
+    #[arg(long)]
+    pub(crate) responses: Option<u32>,
 }
 
 #[derive(Args, Debug)]
@@ -85,7 +123,7 @@ pub(crate) struct KeygenArgs {
     /// CLIP checkpoint: `mini` (embedded) or a folder with config.json and model.safetensors
     #[arg(long, default_value = "mini")]
     pub(crate) clip: String,
-    /// Message bits, a multiple of 8
+    /// Message bits: a multiple of 8, and at most two less than the CLIP model has text positions (`mini`: 72)
     #[arg(long, default_value_t = 16)]
     pub(crate) bits: u32,
     /// Key file to write; keep it private
@@ -161,7 +199,7 @@ pub(crate) struct EmbedArgs {
     /// CLIP checkpoint that the key was made with: `mini` or a folder
     #[arg(long, default_value = "mini")]
     pub(crate) clip: String,
-    /// hex:…, bits:… or random (derived from the key and the model)
+    /// hex:…, bits:… or random: the key's own message, the same in every model
     #[arg(long, default_value = "random")]
     pub(crate) message: String,
     #[command(flatten)]
@@ -172,18 +210,11 @@ pub(crate) struct EmbedArgs {
     /// How much work to spend
     #[arg(long, value_enum, default_value = "balanced")]
     pub(crate) profile: ProfileArg,
-    /// Extractor mode
-    #[arg(long, value_enum, default_value = "joint")]
+    /// What a frame passes through before CLIP, and so what a match proves
+    #[arg(long, value_enum, default_value = "blind")]
     pub(crate) extractor: ExtractorArg,
-    /// Training steps instead of the profile's
-    #[arg(long)]
-    pub(crate) steps: Option<u32>,
-    /// Training clips instead of the profile's
-    #[arg(long)]
-    pub(crate) train_clips: Option<u32>,
-    /// Random offset fields that the calibration is fitted to, instead of the profile's
-    #[arg(long)]
-    pub(crate) responses: Option<u32>,
+    #[command(flatten)]
+    pub(crate) effort: EffortArgs,
     /// Fidelity to hold, in dB over whole frames, instead of the profile's
     #[arg(long)]
     pub(crate) target_psnr: Option<f32>,

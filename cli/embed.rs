@@ -1,5 +1,6 @@
 //! `guard4d embed`
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -19,10 +20,10 @@ use guard4d_engine::watermark::message::Payload;
 use guard4d_engine::watermark::undo;
 use serde::Serialize;
 
-use crate::args::{BasesArg, Common, EmbedArgs, ExtractorArg, ProfileArg};
+use crate::args::{BasesArg, Common, EffortArgs, EmbedArgs, ExtractorArg, ProfileArg};
 use crate::devices;
 use crate::progress::bar;
-use crate::report::{Outcome, evaluation_rows, print, table};
+use crate::report::{Outcome, cost_rows, evidence_in_words, note, print, reading_rows, say, table};
 use crate::stop;
 use crate::views::cameras;
 
@@ -31,7 +32,9 @@ use crate::views::cameras;
 struct Printed<'a> {
     #[serde(flatten)]
     evaluation: &'a Evaluation,
+    evidence: &'static str,
     missed: &'a [Shortfall],
+    seconds: &'a BTreeMap<String, f64>,
 }
 
 pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineError> {
@@ -48,8 +51,8 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
     let key = Key::read(key_path, &clip)?;
     let gate = gate(args, key.bits())?;
     let model = Model::open(&args.model)?;
-    for warning in model.warnings.iter().filter(|_| !common.quiet) {
-        eprintln!("note: {warning}");
+    for warning in &model.warnings {
+        note(common, &format!("note: {warning}"));
     }
     let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
     let message = Payload::parse(&args.message, bits)?.message(&key.prf())?;
@@ -71,15 +74,17 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
     out.commit()?;
     remove_checkpoint(&checkpoint);
     let missed = gate.missed(&evaluation);
-    let result = Printed { evaluation: &evaluation, missed: &missed };
-    print(common, &result, |_| table(&evaluation_rows(&evaluation, &embedded.seconds)))?;
+    let seconds = &embedded.seconds;
+    let evidence = evidence_in_words(evaluation.mode);
+    let result = Printed { evaluation: &evaluation, evidence, missed: &missed, seconds };
+    print(common, &result, |_| table(&[reading_rows(&evaluation), cost_rows(&evaluation, seconds)].concat()))?;
     Ok(judge(&missed))
 }
 
 /// Says what fell short; the outputs stay.
 fn judge(missed: &[Shortfall]) -> Outcome {
     for shortfall in missed {
-        eprintln!("quality gate missed: {shortfall}");
+        say(&format!("quality gate missed: {shortfall}"));
     }
     if missed.is_empty() { Outcome::Done } else { Outcome::Negative }
 }
@@ -112,19 +117,24 @@ fn config(args: &EmbedArgs) -> EmbedConfig {
         BasesArg::All => OffsetBases::All,
     };
     config.fov_deg = f64::from(args.views.fov);
-    if let Some(steps) = args.steps {
-        config.steps = steps as usize;
-    }
-    if let Some(clips) = args.train_clips {
-        config.views = clips;
-    }
-    if let Some(responses) = args.responses {
-        config.responses = responses as usize;
-    }
+    spend(&args.effort, &mut config);
     if let Some(target) = args.target_psnr {
         config = config.with_target(target);
     }
     config
+}
+
+/// Replaces what a profile spends by what flags say.
+pub(crate) fn spend(effort: &EffortArgs, config: &mut EmbedConfig) {
+    if let Some(steps) = effort.steps {
+        config.steps = steps as usize;
+    }
+    if let Some(clips) = effort.train_clips {
+        config.views = clips;
+    }
+    if let Some(responses) = effort.responses {
+        config.responses = responses as usize;
+    }
 }
 
 /// Steps until done or stopped; with a checkpoint file, a stop leaves a valid one, and so does the end.

@@ -44,3 +44,16 @@ fn demo_scene_brings_views_and_times() {
     assert!(cameras.views.len() > times.len(), "several views at each time");
     assert_eq!((times.first(), times.last()), (Some(&0.0), Some(&1.0)), "the times span the motion");
 }
+
+#[test]
+fn readme_states_the_weights_that_are_here() {
+    let bytes =
+        fs::read(repo("engine/assets/mini-clip/model.safetensors")).expect("the weights are part of the checkout");
+    let readme = fs::read_to_string(repo("engine/assets/README.md")).expect("the README is part of the checkout");
+    let hash = blake3::hash(&bytes).to_hex();
+    assert!(readme.contains(&format!("blake3 `{hash}`")), "the README states another file than {hash}");
+    // 15,788,314 as people write it.
+    let digits = bytes.len().to_string();
+    let grouped: Vec<_> = digits.as_bytes().rchunks(3).rev().map(String::from_utf8_lossy).collect();
+    assert!(readme.contains(&format!("{} bytes", grouped.join(","))), "the README states another size than {digits}");
+}

@@ -138,6 +138,27 @@ fn mirror_rule_names_each_gap() {
     assert_eq!(verbless.len(), 1, "a kernel name needs a verb: {verbless:?}");
 }
 
+/// What is missing when no code of its family's benchmark names the operation of a kernel.
+fn bench_gap(family: &str, stem: &str, bench: &str) -> Option<String> {
+    let op = op_of(stem)?;
+    let named = bench.lines().any(|line| has_word(code(line), op));
+    (!named).then(|| format!("glsl/{family}/{stem}.comp: benches/{family}.rs does not name `{op}`"))
+}
+
+/// A quick look at what `./x bench` finds out by running: it fails when no row runs a kernel.
+#[test]
+fn every_operation_has_a_benchmark() {
+    assert!(bench_gap("nn", "axpy_fwd", "// axpy\nuse guard4d_kernels::nn::saxpy;").is_some(), "a gap is seen");
+    assert!(bench_gap("nn", "axpy_fwd", "axpy::forward(rec)").is_none(), "a call is accepted");
+    let mut gaps = Vec::new();
+    for path in files("glsl", &["comp"]) {
+        let shown = name(&path);
+        let [_, family, stem] = shown.trim_end_matches(".comp").split('/').collect::<Vec<_>>()[..] else { continue };
+        gaps.extend(bench_gap(family, stem, &text(&root().join(format!("benches/{family}.rs")))));
+    }
+    assert_none("every operation has a benchmark", &gaps);
+}
+
 #[test]
 fn shaders_include_only_lib() {
     let breaks = |line: &str| {

@@ -1,5 +1,6 @@
 //! The program itself: exit codes, messages, what goes to stdout, and what is left on disk.
 
+mod demo;
 mod devices;
 mod dump;
 mod embed;

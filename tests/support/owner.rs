@@ -84,9 +84,14 @@ pub(crate) fn cameras() -> CameraSet {
     orbit.cameras().expect("an orbit").at_times(&[0.0, 0.5])
 }
 
-/// A key file whose decoder is random.
+/// The owner's key file; its decoder is random.
 pub(crate) fn key_file(clip: &Clip) -> TensorFile {
-    let secret = MasterSecret::from_bytes(SECRET);
+    key_file_of(clip, SECRET, 11)
+}
+
+/// The key file of anyone; its decoder is drawn from `seed`.
+pub(crate) fn key_file_of(clip: &Clip, bytes: [u8; 32], seed: u64) -> TensorFile {
+    let secret = MasterSecret::from_bytes(bytes);
     let (text, width) = (&clip.config().text_config, clip.config().projection_dim);
     let vocabulary = Vocabulary { size: text.vocab_size as u32, context: text.max_position_embeddings as u32 };
     let table = TokenTable::derive(&Prf::new(&secret), vocabulary, BITS).expect("the vocabulary is large");
@@ -94,10 +99,10 @@ pub(crate) fn key_file(clip: &Clip) -> TensorFile {
     let entries = [("format", "guard4d.key/1".to_owned()), ("bits", BITS.to_string())];
     file.meta.extend(entries.map(|(name, text)| (name.to_owned(), text)));
     file.meta.insert("clip".to_owned(), digest_of(clip).to_string());
-    file.meta.insert("secret".to_owned(), SECRET.iter().map(|byte| format!("{byte:02x}")).collect());
+    file.meta.insert("secret".to_owned(), bytes.iter().map(|byte| format!("{byte:02x}")).collect());
     let ids = table.ids().as_flattened().to_vec();
     file.tensors.insert("token_table".to_owned(), Tensor::u32(&[BITS as usize, 2], ids));
-    let mut random = Random(11);
+    let mut random = Random(seed);
     let mut add = |name: String, shape: &[usize], size: f32| {
         let values = random.vec_f32(shape.iter().product(), -size, size);
         file.tensors.insert(name, Tensor::f32(shape, values));
