@@ -32,6 +32,8 @@ struct Printed<'a> {
     #[serde(flatten)]
     evaluation: &'a Evaluation,
     missed: &'a [Shortfall],
+    /// Most device memory in buffers at one time.
+    peak_memory_bytes: u64,
 }
 
 pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineError> {
@@ -71,8 +73,13 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
     out.commit()?;
     remove_checkpoint(&checkpoint);
     let missed = gate.missed(&evaluation);
-    let result = Printed { evaluation: &evaluation, missed: &missed };
-    print(common, &result, |_| table(&evaluation_rows(&evaluation, &embedded.seconds)))?;
+    let peak_memory_bytes = device.memory_use().peak_bytes;
+    let result = Printed { evaluation: &evaluation, missed: &missed, peak_memory_bytes };
+    print(common, &result, |_| {
+        let mut rows = evaluation_rows(&evaluation, &embedded.seconds);
+        rows.push(("device memory at its peak", format!("{:.1} MB", peak_memory_bytes as f64 * 1e-6)));
+        table(&rows)
+    })?;
     Ok(judge(&missed))
 }
 
