@@ -6,6 +6,7 @@ pub(crate) mod golden;
 pub(crate) mod gpu;
 pub(crate) mod gradcheck;
 pub(crate) mod owner;
+pub(crate) mod poison;
 pub(crate) mod pth_builder;
 pub(crate) mod random;
 
