@@ -9,6 +9,7 @@ pub(crate) mod owner;
 pub(crate) mod poison;
 pub(crate) mod pth_builder;
 pub(crate) mod random;
+pub(crate) mod raster;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
