@@ -372,6 +372,25 @@ pub(crate) enum DumpCommand {
         #[command(flatten)]
         io: DumpIo,
     },
+    /// Antialiased bilinear resize with aligned corners, and its gradient
+    ///
+    /// Reads x [F,H,W,C] with C = 3 or 4, the fourth channel unread, and v_y [F,h,w,C] if it is there. Writes
+    /// y [F,h,w,C]; with v_y also v_x like x.
+    Resize {
+        /// Size to come to: WIDTHxHEIGHT, that is wxh
+        #[arg(long, value_parser = parse_any_size)]
+        size: (u32, u32),
+        #[command(flatten)]
+        io: DumpIo,
+    },
+    /// Adam steps on given gradients
+    ///
+    /// Reads param [n], grads [steps,n] and hyper [4] (learning rate, decays of both moments, epsilon). Writes
+    /// history [steps,n] (the parameters after each step), and the last moments exp_avg [n] and exp_avg_sq [n].
+    Adam {
+        #[command(flatten)]
+        io: DumpIo,
+    },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -393,10 +412,18 @@ pub(crate) struct DumpIo {
     pub(crate) out: PathBuf,
 }
 
+/// Size of a picture.
 fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    size_within(text, 16..=8192)
+}
+
+/// Size of any clip that a file may hold.
+fn parse_any_size(text: &str) -> Result<(u32, u32), String> {
+    size_within(text, 1..=8192)
+}
+
+fn size_within(text: &str, sides: std::ops::RangeInclusive<u32>) -> Result<(u32, u32), String> {
     let parsed = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
-    match parsed {
-        Some((w, h)) if (16..=8192).contains(&w) && (16..=8192).contains(&h) => Ok((w, h)),
-        _ => Err(format!("`{text}`: expected WIDTHxHEIGHT, each from 16 to 8192")),
-    }
+    let fits = parsed.filter(|(w, h)| sides.contains(w) && sides.contains(h));
+    fits.ok_or_else(|| format!("`{text}`: expected WIDTHxHEIGHT, each from {} to {}", sides.start(), sides.end()))
 }

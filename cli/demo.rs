@@ -40,6 +40,8 @@ struct Printed<'a> {
     evidence: &'static str,
     wrong_key: WrongKey,
     seconds: &'a BTreeMap<String, f64>,
+    /// Most device memory in buffers at one time.
+    peak_memory_bytes: u64,
     verification: &'a Report,
 }
 
@@ -109,10 +111,11 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     out.commit()?;
     let evaluation = &film.evaluation;
     let evidence = evidence_in_words(evaluation.mode);
-    let result = Printed { evaluation, evidence, wrong_key, seconds: &seconds, verification: &verification };
+    let (seconds, verification, peak_memory_bytes) = (&seconds, &verification, device.memory_use().peak_bytes);
+    let result = Printed { evaluation, evidence, wrong_key, seconds, peak_memory_bytes, verification };
     print(common, &result, human)?;
     note(common, &format!("\nframes, videos, key and receipt are in {}", args.out.display()));
-    Ok(verify::outcome(&verification))
+    Ok(verify::outcome(verification))
 }
 
 /// The demonstration's settings with what flags change.
@@ -181,7 +184,7 @@ fn human(result: &Printed<'_>) -> String {
             ("wrong key, its own message (50 % is chance)", percent(wrong.own_message)),
             ("wrong key, the owner's message", format!("{} {lent}", percent(wrong.owners_message))),
         ],
-        cost_rows(result.evaluation, result.seconds),
+        cost_rows(result.evaluation, result.seconds, result.peak_memory_bytes),
     ];
     format!("{}\n\nreading {VIDEO}:\n{}", table(&rows.concat()), verify::human(result.verification))
 }

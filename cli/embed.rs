@@ -35,6 +35,8 @@ struct Printed<'a> {
     evidence: &'static str,
     missed: &'a [Shortfall],
     seconds: &'a BTreeMap<String, f64>,
+    /// Most device memory in buffers at one time.
+    peak_memory_bytes: u64,
 }
 
 pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineError> {
@@ -76,8 +78,12 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
     let missed = gate.missed(&evaluation);
     let seconds = &embedded.seconds;
     let evidence = evidence_in_words(evaluation.mode);
-    let result = Printed { evaluation: &evaluation, evidence, missed: &missed, seconds };
-    print(common, &result, |_| table(&[reading_rows(&evaluation), cost_rows(&evaluation, seconds)].concat()))?;
+    let peak_memory_bytes = device.memory_use().peak_bytes;
+    let result = Printed { evaluation: &evaluation, evidence, missed: &missed, seconds, peak_memory_bytes };
+    print(common, &result, |result| {
+        let costs = cost_rows(result.evaluation, result.seconds, result.peak_memory_bytes);
+        table(&[reading_rows(result.evaluation), costs].concat())
+    })?;
     Ok(judge(&missed))
 }
 

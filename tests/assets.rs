@@ -23,6 +23,21 @@ fn built_in_assets_stay_small() {
     assert!(bytes > 0 && bytes <= MAX_BYTES, "{bytes} bytes are built in, {MAX_BYTES} are allowed");
 }
 
+/// Largest golden file; `generate/common.py` has the same bound.
+const MAX_GOLDEN_BYTES: u64 = 256 * 1024;
+
+fn largest_file(folder: &Path) -> u64 {
+    let entries = fs::read_dir(folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
+    let size = |path: &Path| if path.is_dir() { largest_file(path) } else { path.metadata().map_or(0, |m| m.len()) };
+    entries.map(|entry| size(&entry.expect("a folder of the checkout can be listed").path())).max().unwrap_or(0)
+}
+
+#[test]
+fn golden_files_stay_small() {
+    let bytes = largest_file(&repo("tests/golden"));
+    assert!(bytes > 0 && bytes <= MAX_GOLDEN_BYTES, "a golden file has {bytes} bytes, {MAX_GOLDEN_BYTES} are allowed");
+}
+
 #[test]
 fn demo_scene_loads_without_a_warning() {
     let model = Model::open(&repo("engine/assets/demo-scene")).expect("the demo scene is a valid model");

@@ -326,6 +326,14 @@ impl Recorder {
         self.end_pass("copy");
     }
 
+    /// Forgets what earlier passes touched, so that the next one gets no barrier: a fault on purpose, for trying whether
+    /// the validation layers see it.
+    #[cfg(feature = "validation")]
+    pub fn forget_accesses(&mut self) {
+        self.unsynced_reads.clear();
+        self.unsynced_writes.clear();
+    }
+
     /// Runs what was recorded, waits for it, and returns the device time of each pass.
     ///
     /// # Errors
@@ -352,7 +360,7 @@ impl Recorder {
         let result = match done {
             Ok(()) => self.timings(&slot),
             Err(KernelError::DeviceLost { .. }) => {
-                Err(KernelError::DeviceLost { last_pass: self.last_finished(&slot).to_owned() })
+                Err(KernelError::DeviceLost { last_pass: self.last_finished(&slot) })
             }
             Err(other) => Err(other),
         };
@@ -376,14 +384,14 @@ impl Recorder {
         Ok(Timings { passes: self.passes.iter().zip(times).map(|(&name, time)| PassTime { name, time }).collect() })
     }
 
-    /// Name of the last pass whose timestamp arrived, for the report of a lost device.
-    fn last_finished(&self, slot: &Slot) -> &'static str {
+    /// The last pass whose timestamp arrived, for the report of a lost device.
+    fn last_finished(&self, slot: &Slot) -> String {
         let mut results = vec![[0u64; 2]; self.timed() + 1];
         let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WITH_AVAILABILITY;
         // SAFETY: the query pool is alive; on a lost device the call returns what is there.
         let _ = unsafe { self.device.raw.get_query_pool_results(slot.queries, 0, &mut results, flags) };
-        let finished = results.iter().skip(1).take_while(|r| r[1] != 0).count();
-        finished.checked_sub(1).and_then(|i| self.passes.get(i)).copied().unwrap_or("none")
+        let available: Vec<u64> = results.iter().map(|result| result[1]).collect();
+        last_finished(&available, &self.passes)
     }
 
     fn slot(&self) -> &Slot {
@@ -498,6 +506,20 @@ impl Drop for Recorder {
             self.device.slots.lock().expect("no panic happens while slots are locked").push(slot);
         }
     }
+}
+
+/// The last of `passes` that finished, by the availability words of the timestamps: one from before the first pass, then
+/// one from after each pass that is timed. Passes run in order, so the first word that is zero ends the search.
+#[must_use]
+pub fn last_finished(available: &[u64], passes: &[&str]) -> String {
+    let timed = available.len().saturating_sub(1);
+    let finished = available.iter().skip(1).take_while(|word| **word != 0).count();
+    let Some(name) = finished.checked_sub(1).and_then(|last| passes.get(last)) else { return "none".to_owned() };
+    let place = format!("`{name}`, pass {finished} of {}", passes.len());
+    if finished == timed && timed < passes.len() {
+        return format!("{place}, or one after it: later passes have no timestamp");
+    }
+    place
 }
 
 fn value_bytes<T: Element>(value: T) -> [u8; 4] {
