@@ -11,7 +11,7 @@ use guard4d_engine::render::OffsetBases;
 use guard4d_engine::scene::Model;
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::delivery::{self, Delivery};
-use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, Subject};
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, HeldOutReport, Profile, Subject};
 use guard4d_engine::watermark::evaluate::Evaluation;
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::gate::{Gate, Shortfall};
@@ -152,6 +152,7 @@ pub(crate) fn train(
 ) -> Result<Embedded, EngineError> {
     let progress = bar(common, config.steps as u64);
     let mut saved = Instant::now();
+    let mut held_out = None;
     loop {
         if stop::is_requested() {
             progress.abandon();
@@ -161,12 +162,8 @@ pub(crate) fn train(
         }
         let Some(report) = embedding.step()? else { break };
         progress.set_position(embedding.step_number() as u64);
-        progress.set_message(format!(
-            "loss {:.3}  bits {:.0} %  {:.1} dB",
-            report.message,
-            100.0 * report.bit_accuracy,
-            -10.0 * report.mse.max(f32::MIN_POSITIVE).log10()
-        ));
+        held_out = report.held_out.or(held_out);
+        progress.set_message(state(report.message, held_out));
         if let Some((path, every)) = checkpoint
             && saved.elapsed() >= Duration::from_secs(every)
         {
@@ -180,6 +177,12 @@ pub(crate) fn train(
     }
     progress.finish_and_clear();
     embedding.finish()
+}
+
+/// What the bar says: the newest loss, and the newest figures on clips that are not trained on.
+fn state(loss: f32, held_out: Option<HeldOutReport>) -> String {
+    let figures = held_out.map(|h| format!("  held out: bits {:.0} %, {:.1} dB", 100.0 * h.bit_accuracy, h.psnr));
+    format!("loss {loss:.3}{}", figures.unwrap_or_default())
 }
 
 /// Beside the output folder, so that an unfinished run leaves nothing in it.

@@ -54,6 +54,7 @@ impl Owner {
             size_px: (SIDE_PX, SIDE_PX),
             responses: 2 * BITS as usize,
             seed: 5,
+            held_out_every: 0,
             ..EmbedConfig::new(Profile::Draft, ExtractorMode::Blind)
         };
         Self { clip, key, scene, model, message, config }

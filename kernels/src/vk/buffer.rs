@@ -8,7 +8,7 @@ use ash::vk;
 use gpu_allocator::vulkan::Allocation;
 
 use super::check;
-use super::device::{Device, DeviceInner};
+use super::device::{Device, DeviceInner, HostAccess};
 use super::memory::Purpose;
 use crate::error::KernelError;
 
@@ -37,6 +37,7 @@ pub(super) struct BufferInner {
     pub(super) name: String,
     /// Bytes including the padding to whole texels.
     pub(super) bytes: u64,
+    purpose: Purpose,
     allocation: Option<Allocation>,
     view: OnceLock<vk::BufferView>,
 }
@@ -87,6 +88,7 @@ impl BufferInner {
             handle,
             name: name.to_owned(),
             bytes,
+            purpose,
             allocation: Some(allocation),
             view: OnceLock::new(),
         };
@@ -123,6 +125,9 @@ impl BufferInner {
     }
 
     fn mapped(&self) -> Option<*mut u8> {
+        if self.purpose == Purpose::Work && self.device.host_access == HostAccess::Staged {
+            return None;
+        }
         let allocation = self.allocation.as_ref()?;
         let coherent = allocation.memory_properties().contains(vk::MemoryPropertyFlags::HOST_COHERENT);
         allocation.mapped_ptr().filter(|_| coherent).map(|p| p.as_ptr().cast())
@@ -151,8 +156,21 @@ impl Device {
     /// # Errors
     /// [`KernelError::Allocation`] when memory runs out.
     pub fn buffer<T: Element>(&self, name: &str, len: usize) -> Result<Buffer<T>, KernelError> {
+        self.zeros(name, len, Purpose::Work)
+    }
+
+    /// A buffer of `len` zeros for copies of what the host reads often: [`Buffer::read`] finds it mapped, so that
+    /// it neither allocates nor submits. Kernels work faster in others.
+    ///
+    /// # Errors
+    /// [`KernelError::Allocation`] when memory runs out.
+    pub fn readback<T: Element>(&self, name: &str, len: usize) -> Result<Buffer<T>, KernelError> {
+        self.zeros(name, len, Purpose::ReadBack)
+    }
+
+    fn zeros<T: Element>(&self, name: &str, len: usize, purpose: Purpose) -> Result<Buffer<T>, KernelError> {
         let bytes = (len * size_of::<T>()) as u64;
-        let inner = Arc::new(BufferInner::new(self.inner(), name, bytes, Purpose::Work)?);
+        let inner = Arc::new(BufferInner::new(self.inner(), name, bytes, purpose)?);
         let mut buffer = Buffer { inner, len, element: PhantomData };
         buffer.clear()?;
         Ok(buffer)

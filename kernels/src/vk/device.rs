@@ -72,13 +72,25 @@ pub struct DeviceInfo {
     pub timestamp_period_ns: f32,
 }
 
-/// Device memory in buffers, in bytes.
+/// Device memory in buffers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MemoryUse {
-    /// In use now.
+    /// Bytes in use now.
     pub live_bytes: u64,
     /// Largest value of `live_bytes` so far.
     pub peak_bytes: u64,
+    /// Allocations made so far, freed ones among them.
+    pub allocations: u64,
+}
+
+/// How the host reaches the memory of buffers that kernels work in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HostAccess {
+    /// Directly where the driver maps it, through staging memory elsewhere.
+    Mapped,
+    /// Through staging memory always, as on cards whose memory the host cannot see. Slower; for finding out on any
+    /// machine what such a card would do.
+    Staged,
 }
 
 /// An open Vulkan device; cheap to clone.
@@ -94,6 +106,7 @@ impl std::fmt::Debug for Device {
 pub(super) struct DeviceInner {
     pub(super) raw: ash::Device,
     pub(super) info: DeviceInfo,
+    pub(super) host_access: HostAccess,
     pub(super) queue_family: u32,
     pub(super) pipelines: PipelineCache,
     pub(super) slots: Mutex<Vec<Slot>>,
@@ -236,6 +249,14 @@ impl Device {
     /// [`KernelError::NoDriver`], [`KernelError::NoDevice`], or [`KernelError::Unsuitable`] when
     /// the device lacks subgroups of at least eight lanes with shuffles.
     pub fn open(select: &DeviceSelect) -> Result<Self, KernelError> {
+        Self::open_with(select, HostAccess::Mapped)
+    }
+
+    /// The same with a choice of how the host reaches its memory.
+    ///
+    /// # Errors
+    /// As [`Device::open`].
+    pub fn open_with(select: &DeviceSelect, host_access: HostAccess) -> Result<Self, KernelError> {
         let instance = Instance::new()?;
         let (handles, infos): (Vec<_>, Vec<_>) = instance.devices()?.into_iter().unzip();
         if infos.is_empty() {
@@ -254,6 +275,7 @@ impl Device {
         Ok(Self(Arc::new(DeviceInner {
             raw,
             info,
+            host_access,
             queue_family,
             pipelines: PipelineCache::default(),
             slots: Mutex::default(),
@@ -270,7 +292,7 @@ impl Device {
         &self.0.info
     }
 
-    /// Device memory in buffers: now and at the peak.
+    /// Device memory in buffers: now, at the peak, and how often some was taken.
     #[must_use]
     pub fn memory_use(&self) -> MemoryUse {
         self.0.memory().used()

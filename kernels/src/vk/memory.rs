@@ -11,13 +11,13 @@ use crate::error::KernelError;
 const NAMED_IN_ERRORS: usize = 3;
 
 /// What a buffer is for, which decides where it lives.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
     /// Kernels read and write it.
     Work,
     /// The host writes it once, the device copies from it once.
     Upload,
-    /// The device copies into it once, the host reads it once.
+    /// The device copies into it, the host reads it.
     ReadBack,
 }
 
@@ -103,6 +103,7 @@ impl Memory {
             let request = AllocationCreateDesc { name, requirements, location, linear: true, allocation_scheme };
             match self.allocator.allocate(&request) {
                 Ok(allocation) => {
+                    self.used.allocations += 1;
                     self.used.live_bytes += allocation.size();
                     self.used.peak_bytes = self.used.peak_bytes.max(self.used.live_bytes);
                     return Ok(allocation);

@@ -12,7 +12,7 @@ mod select;
 pub use assignment::Assignment;
 pub use buffer::{Buffer, Element};
 pub use debug::take_validation_errors;
-pub use device::{Device, DeviceInfo, DeviceKind, MemoryUse};
+pub use device::{Device, DeviceInfo, DeviceKind, HostAccess, MemoryUse};
 pub use memory::work_memory;
 pub use pipeline::{BindingDef, BindingKind, KernelDef};
 pub use recorder::{Bindings, Bound, Grid, PassTime, Recorder, Timings, last_finished};

@@ -132,6 +132,9 @@ pub(super) struct Slot {
     commands: vk::CommandBuffer,
     fence: vk::Fence,
     queries: vk::QueryPool,
+    /// Queries, from the first on, that are not in their reset state. Few submissions use many, and under validation
+    /// layers a reset of all would take longer than most submissions.
+    unreset: u32,
     descriptors: Vec<vk::DescriptorPool>,
 }
 
@@ -148,7 +151,7 @@ impl Slot {
             let info =
                 vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(TIMED_PASSES + 1);
             let queries = check("vkCreateQueryPool", raw.create_query_pool(&info, None))?;
-            Ok(Self { pool, commands, fence, queries, descriptors: Vec::new() })
+            Ok(Self { pool, commands, fence, queries, unreset: TIMED_PASSES + 1, descriptors: Vec::new() })
         }
     }
 
@@ -204,7 +207,7 @@ impl Recorder {
                 check("vkResetDescriptorPool", raw.reset_descriptor_pool(pool, vk::DescriptorPoolResetFlags::empty()))?;
             }
             check("vkBeginCommandBuffer", raw.begin_command_buffer(slot.commands, &info))?;
-            raw.cmd_reset_query_pool(slot.commands, slot.queries, 0, TIMED_PASSES + 1);
+            raw.cmd_reset_query_pool(slot.commands, slot.queries, 0, slot.unreset);
             raw.cmd_write_timestamp(slot.commands, vk::PipelineStageFlags::TOP_OF_PIPE, slot.queries, 0);
         }
         Ok(Self {
@@ -339,7 +342,7 @@ impl Recorder {
     /// # Errors
     /// [`KernelError::DeviceLost`] naming the last pass that finished.
     pub fn submit(mut self) -> Result<Timings, KernelError> {
-        let slot = self.slot.take().expect("only submit and drop take the slot");
+        let mut slot = self.slot.take().expect("only submit and drop take the slot");
         let barrier = [vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE)
             .dst_access_mask(vk::AccessFlags::HOST_READ)];
@@ -358,7 +361,10 @@ impl Recorder {
         };
         let done = ended.and_then(|()| self.device.submit_and_wait(slot.commands, slot.fence));
         let result = match done {
-            Ok(()) => self.timings(&slot),
+            Ok(()) => {
+                slot.unreset = u32::try_from(self.timed() + 1).unwrap_or(TIMED_PASSES + 1);
+                self.timings(&slot)
+            }
             Err(KernelError::DeviceLost { .. }) => {
                 Err(KernelError::DeviceLost { last_pass: self.last_finished(&slot) })
             }

@@ -20,6 +20,8 @@ const DEFAULT_NULL_GAIN: f64 = 3.0;
 const DEFAULT_NULL_LEVEL: f64 = 0.02;
 /// Standard deviation of the calibration's random offsets at that fidelity, in colour: three 8-bit steps.
 const DEFAULT_RESPONSE_LEVEL: f64 = 0.0125;
+/// Steps between two measurements on held-out clips: often enough to watch, seldom enough to cost little.
+const DEFAULT_HELD_OUT_EVERY: usize = 25;
 /// How far below the target the hold starts, dB.
 const START_SLACK_DB: f32 = 2.0;
 
@@ -126,6 +128,10 @@ pub struct EmbedConfig {
     pub responses: usize,
     /// Standard deviation of these fields, in colour.
     pub response_level: f64,
+    /// Steps between two measurements on held-out clips; 0 for none. It changes no result, so that it is no part of
+    /// what names one.
+    #[serde(skip)]
+    pub held_out_every: usize,
 }
 
 impl EmbedConfig {
@@ -170,6 +176,7 @@ impl EmbedConfig {
             null_level: 0.0,
             responses,
             response_level: 0.0,
+            held_out_every: DEFAULT_HELD_OUT_EVERY,
         }
         .with_target(DEFAULT_TARGET_PSNR)
     }
