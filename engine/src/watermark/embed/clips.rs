@@ -24,7 +24,7 @@ use crate::watermark::prf::{Purpose as Stream, uniform_unit};
 
 /// Clips that share their times.
 const CLIPS_PER_TIMES: usize = 16;
-/// Clips that are measured and never trained on; two keep a measurement every 25 steps below 4 % of the time.
+/// Clips that are measured and never trained on; two keep a measurement every 25 steps below 5 % of the time.
 const HELD_OUT_CLIPS: u32 = 2;
 
 /// [`CLIP_FRAMES`] frames that are trained on, or measured, together.
