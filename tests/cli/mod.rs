@@ -1,9 +1,11 @@
 //! The program itself: exit codes, messages, what goes to stdout, and what is left on disk.
 
+mod controls;
 mod devices;
 mod dump;
 mod embed;
 mod inputs;
+mod keygen;
 mod models;
 mod outputs;
 mod usage;

@@ -119,6 +119,9 @@ pub struct Claim<'a> {
     pub mode: ExtractorMode,
     /// Its answer.
     pub reading: &'a Reading,
+    /// Mean calibrated coordinates of the suspect clip `[L]`, from which other keys would read; see
+    /// [`super::calibration::Calibration::coordinates`].
+    pub coordinates: &'a [f64],
     /// Shorter side of the suspect frames.
     pub side_px: u32,
     /// Readings that must be at chance.
@@ -265,7 +268,7 @@ pub fn judge(claim: &Claim<'_>, thresholds: &Thresholds, prf: &Prf) -> Result<Ev
     let num_bits = message.num_bits();
     let matches = reading.matches(message)?;
     let levels = PanelLevels { fpr: thresholds.fpr, control_level: thresholds.control_level };
-    let panel = NullPanel::run(reading, message, claim.controls, prf, &levels)?;
+    let panel = NullPanel::run(claim, prf, &levels)?;
     let p_value = state_p_value(claim, &panel)?;
     let (verdict, reasons) = decide(claim, thresholds, &p_value, &panel);
     let alone = thresholds.fpr / f64::from(thresholds.num_claims);
