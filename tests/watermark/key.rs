@@ -144,7 +144,7 @@ fn changed_and_foreign_keys_are_refused() {
     assert_eq!(refused(&sealed(stolen))[0], "token_table", "a table and a decoder under another secret");
     let mut unsealed = good.clone();
     unsealed.meta.remove("content");
-    assert_eq!(refused(&unsealed)[0], "content");
+    assert_eq!(refused(&unsealed)[0], "metadata `content`");
 
     let mut weights = tiny_clip::weights();
     weights.tensors.insert("logit_scale".to_owned(), Tensor::f32(&[], vec![4.0]));
@@ -157,7 +157,7 @@ fn changed_and_foreign_keys_are_refused() {
 fn no_key(gpu: &Gpu, weights: &TensorFile) -> String {
     let clip = tiny_clip::load(gpu, weights);
     let made = Key::generate(gpu, &clip, MasterSecret::from_bytes(SECRET), BITS);
-    let error = made.err().expect("it cannot carry a message");
+    let error = made.expect_err("it cannot carry a message");
     assert_eq!(error.exit_code(), 65, "{error}");
     error.to_string()
 }

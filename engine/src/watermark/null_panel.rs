@@ -7,8 +7,7 @@ use serde::Serialize;
 
 use super::evidence::Claim;
 use super::message::Message;
-use super::other_keys::{self, OtherKeys, OwnClaim};
-use super::prf::Prf;
+use super::other_keys::{Bar, OtherKeys};
 use super::reading::Reading;
 use super::statistics::chance_band;
 use crate::EngineError;
@@ -173,10 +172,9 @@ impl NullPanel {
     /// Runs the panel for a claimed message.
     ///
     /// # Errors
-    /// [`EngineError::Usage`] if message lengths do not fit the readings or the levels are not in (0, 1);
-    /// [`EngineError::NotFinite`] for coordinates that are no numbers.
-    pub fn run(claim: &Claim<'_>, prf: &Prf, levels: &PanelLevels) -> Result<Self, EngineError> {
-        let Claim { message, reading, controls, coordinates, .. } = claim;
+    /// [`EngineError::Usage`] if message lengths do not fit the readings or the levels are not in (0, 1).
+    pub fn run(claim: &Claim<'_>, levels: &PanelLevels) -> Result<Self, EngineError> {
+        let Claim { message, reading, controls, throwaway, .. } = claim;
         // Inverted message, other keys' messages and other keys' readings are judged beside the supplied ones.
         let share = levels.control_level / 2.0 / f64::from(count(controls.len() + 3));
         let result = |control: &Control| {
@@ -185,12 +183,11 @@ impl NullPanel {
         let (run, not_run): (Vec<_>, Vec<_>) =
             ControlKind::SUPPLIED.into_iter().partition(|&kind| controls.iter().any(|control| control.kind == kind));
         let kind_share = levels.control_level / 2.0 / f64::from(count(ControlKind::SUPPLIED.len()));
-        let own = OwnClaim { reading, coordinates, message, prf };
-        let [other_messages, other_readings] = other_keys::run(&own, levels.fpr, share)?;
+        let bar = Bar { claimed: reading.matches(message)?, num_bits: message.num_bits(), fpr: levels.fpr, share };
         Ok(Self {
             inverted: inverted(reading, message, share)?,
-            other_messages,
-            other_readings,
+            other_messages: throwaway.in_reading(reading, &bar)?,
+            other_readings: throwaway.in_own_readings(&bar)?,
             supplied: controls.iter().map(result).collect::<Result<_, EngineError>>()?,
             kinds: run.into_iter().map(|kind| KindResult::of(kind, controls, kind_share)).collect::<Result<_, _>>()?,
             not_run,

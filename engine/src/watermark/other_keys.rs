@@ -17,6 +17,15 @@ use crate::EngineError;
 /// Throw-away keys tried against every clip.
 pub const NUM_OTHER_KEYS: u32 = 1000;
 
+/// The throw-away keys of one owner, and what they make of one clip.
+#[derive(Clone, Debug)]
+pub struct ThrowawayKeys {
+    /// Each key's message.
+    messages: Vec<Message>,
+    /// What each key's calibration reads.
+    readings: Vec<Message>,
+}
+
 /// How the throw-away keys' claims did beside the owner's.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OtherKeys {
@@ -36,66 +45,66 @@ pub struct OtherKeys {
     pub state: ControlState,
 }
 
-/// The owner's claim, which the strangers' are measured by.
+impl ThrowawayKeys {
+    /// Derives the keys of `owner`, and lets each read the mean calibrated coordinates of a clip `[L]`; see
+    /// [`super::calibration::Calibration::coordinates`].
+    ///
+    /// # Errors
+    /// [`EngineError::NotFinite`] for coordinates that are no numbers; [`EngineError::Usage`] for a length that no message
+    /// has.
+    /// # Determinism
+    /// The same keys on every platform, rotations up to the last bits of the mathematical library.
+    pub fn derive(owner: &Prf, coordinates: &[f64]) -> Result<Self, EngineError> {
+        if let Some(got) = coordinates.iter().copied().find(|z| !z.is_finite()) {
+            return Err(EngineError::NotFinite { what: "calibrated coordinate".to_owned(), got });
+        }
+        let num_bits = u32::try_from(coordinates.len()).unwrap_or(u32::MAX);
+        let (mut messages, mut readings) = (Vec::new(), Vec::new());
+        for index in 0..NUM_OTHER_KEYS {
+            let secret = owner.mac(Purpose::OtherKeys, &index.to_le_bytes());
+            let prf = Prf::new(&MasterSecret::from_bytes(*secret.as_bytes()));
+            messages.push(Payload::Random(num_bits).message(&prf)?);
+            let mixed = remix(coordinates, &mut prf.stream(Purpose::Calibration, 0));
+            readings.push(Message::from_bits(&mixed.iter().map(|&z| z > 0.0).collect::<Vec<_>>())?);
+        }
+        Ok(Self { messages, readings })
+    }
+
+    /// Compares every key's message with what the owner's extractor reads.
+    pub(super) fn in_reading(&self, reading: &Reading, bar: &Bar) -> Result<OtherKeys, EngineError> {
+        let matches = self.messages.iter().map(|own| reading.matches(own)).collect::<Result<Vec<_>, _>>()?;
+        Ok(OtherKeys::count(&matches, bar))
+    }
+
+    /// Compares every key's message with what its own calibration reads.
+    pub(super) fn in_own_readings(&self, bar: &Bar) -> Result<OtherKeys, EngineError> {
+        let pairs = self.messages.iter().zip(&self.readings);
+        let matches = pairs.map(|(own, read)| Ok(own.num_bits() - own.hamming(read)?));
+        Ok(OtherKeys::count(&matches.collect::<Result<Vec<_>, EngineError>>()?, bar))
+    }
+}
+
+/// What the throw-away keys are measured by.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct OwnClaim<'a> {
-    /// What the owner's extractor reads.
-    pub(super) reading: &'a Reading,
-    /// Mean calibrated coordinates of the suspect clip `[L]`.
-    pub(super) coordinates: &'a [f64],
-    /// The owner's message.
-    pub(super) message: &'a Message,
-    /// The owner's key.
-    pub(super) prf: &'a Prf,
-}
-
-/// Tries every throw-away key's message twice: on what the owner's extractor reads, and on what the key's own
-/// calibration makes of the same features.
-///
-/// # Errors
-/// [`EngineError::Usage`] if lengths differ; [`EngineError::NotFinite`] for coordinates that are no numbers.
-/// # Determinism
-/// The same keys on every platform, rotations up to the last bits of the mathematical library.
-pub(super) fn run(claim: &OwnClaim<'_>, fpr: f64, share: f64) -> Result<[OtherKeys; 2], EngineError> {
-    let OwnClaim { reading, coordinates, message, prf } = *claim;
-    let num_bits = message.num_bits();
-    if coordinates.len() != num_bits as usize {
-        return Err(EngineError::Usage {
-            what: "calibrated coordinates".to_owned(),
-            got: coordinates.len().to_string(),
-            expected: format!("{num_bits}, one per bit"),
-        });
-    }
-    if let Some(got) = coordinates.iter().copied().find(|z| !z.is_finite()) {
-        return Err(EngineError::NotFinite { what: "calibrated coordinate".to_owned(), got });
-    }
-    let (mut as_read, mut as_mixed) = (Vec::new(), Vec::new());
-    for index in 0..NUM_OTHER_KEYS {
-        let stranger = stranger(prf, index);
-        let own = Payload::Random(num_bits).message(&stranger)?;
-        as_read.push(reading.matches(&own)?);
-        let mixed = remix(coordinates, &mut stranger.stream(Purpose::Calibration, 0));
-        let bits: Vec<bool> = mixed.iter().map(|&z| z > 0.0).collect();
-        as_mixed.push(num_bits - own.hamming(&Message::from_bits(&bits)?)?);
-    }
-    let claimed = reading.matches(message)?;
-    Ok([as_read, as_mixed].map(|matches| OtherKeys::count(&matches, (claimed, num_bits), fpr, share)))
-}
-
-/// A key that is made for one trial and forgotten.
-fn stranger(owner: &Prf, index: u32) -> Prf {
-    let secret = owner.mac(Purpose::OtherKeys, &index.to_le_bytes());
-    Prf::new(&MasterSecret::from_bytes(*secret.as_bytes()))
+pub(super) struct Bar {
+    /// Matches of the claimed message.
+    pub(super) claimed: u32,
+    /// Its bits.
+    pub(super) num_bits: u32,
+    /// False-positive rate of the decision.
+    pub(super) fpr: f64,
+    /// Probability at which chance may make a control fire.
+    pub(super) share: f64,
 }
 
 impl OtherKeys {
-    fn count(matches: &[u32], (claimed, num_bits): (u32, u32), fpr: f64, share: f64) -> Self {
-        let needed = required_matches(num_bits, fpr);
+    fn count(matches: &[u32], bar: &Bar) -> Self {
+        let Bar { claimed, num_bits, fpr, share } = *bar;
         let reaching = |least: u32| {
             let count = matches.iter().filter(|&&m| m >= least).count();
             u32::try_from(count).expect("at most as many as keys were tried")
         };
-        let (as_good, false_positives) = (reaching(claimed), needed.map_or(0, reaching));
+        let (as_good, false_positives) = (reaching(claimed), required_matches(num_bits, fpr).map_or(0, reaching));
         let expected_rate = match_p_value(claimed, num_bits);
         let state = if binomial_tail(as_good, NUM_OTHER_KEYS, expected_rate) < share {
             ControlState::Fires

@@ -10,6 +10,7 @@ use super::extractor::{ExtractorWeights, Reader, Sight, decode};
 use super::key::Key;
 use super::message::{Message, Payload};
 use super::null_panel::{Control, ControlKind};
+use super::other_keys::ThrowawayKeys;
 use super::reading::Reading;
 use super::receipt::Receipt;
 use crate::clip::Clip;
@@ -107,11 +108,11 @@ impl Case<'_> {
             message: self.message,
             mode: extractor.mode,
             reading: &reading,
-            coordinates: &extractor.calibration.coordinates(&sight.features),
+            throwaway: &ThrowawayKeys::derive(&self.key.prf(), &extractor.calibration.coordinates(&sight.features))?,
             side_px: side,
             controls: &controls,
         };
-        let evidence = judge(&claim, &receipt.body.promise.thresholds, &self.key.prf())?;
+        let evidence = judge(&claim, &receipt.body.promise.thresholds)?;
         Ok(Report { evidence, frames, damage })
     }
 
