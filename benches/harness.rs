@@ -1,5 +1,6 @@
 //! Sampling through criterion, and the rows that the report is made of.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use criterion::Criterion;
@@ -29,6 +30,8 @@ pub(crate) struct Row {
     pub(crate) work: Work,
     /// Seconds of each run.
     pub(crate) samples: Vec<f64>,
+    /// Mean seconds of a run by kernel; empty where the clock on the wall was read.
+    pub(crate) split: BTreeMap<&'static str, f64>,
 }
 
 impl Row {
@@ -53,6 +56,8 @@ pub(crate) struct Bench {
     pub(crate) device: Device,
     criterion: Criterion,
     pub(crate) rows: Vec<Row>,
+    /// Kernels that ran in some row with timestamps.
+    kernels: BTreeSet<&'static str>,
     /// Rows that the command line left out or cut short.
     pub(crate) partial: usize,
     /// Load of the machine before the first row.
@@ -74,7 +79,14 @@ impl Bench {
             .measurement_time(MEASUREMENT)
             .configure_from_args();
         let load = crate::host::load();
-        Ok(Self { device: Device::open(&select)?, criterion, rows: Vec::new(), partial: 0, load })
+        Ok(Self {
+            device: Device::open(&select)?,
+            criterion,
+            rows: Vec::new(),
+            kernels: BTreeSet::new(),
+            partial: 0,
+            load,
+        })
     }
 
     /// Values between 0 and 1 without a pattern that a cache or a branch predictor could learn.
@@ -91,28 +103,62 @@ impl Bench {
         mut record: impl FnMut(&mut Recorder) -> Result<(), KernelError>,
     ) -> Result<(), EngineError> {
         let device = self.device.clone();
-        self.samples(name, work, || {
+        self.timed(name, work, || {
             let mut rec = device.recorder()?;
             record(&mut rec)?;
-            Ok(kernel_time(&rec.submit()?))
+            Ok(rec.submit()?)
         })
     }
 
-    /// Times that `once` returns. The first one, in which the driver compiles, is thrown away.
+    /// Device time of what `once` submits, in all and by kernel.
+    pub(crate) fn timed(
+        &mut self,
+        name: &str,
+        work: Work,
+        mut once: impl FnMut() -> Result<Timings, EngineError>,
+    ) -> Result<(), EngineError> {
+        let (mut runs, mut split) = (0, BTreeMap::<_, f64>::new());
+        self.samples(name, work, || {
+            let timings = once()?;
+            for pass in &timings.passes {
+                // Of the first run, which is thrown away, only the names count.
+                let seconds = if runs == 0 { 0.0 } else { pass.time.as_secs_f64() };
+                *split.entry(pass.name).or_default() += seconds;
+            }
+            runs += 1;
+            Ok(kernel_time(&timings))
+        })?;
+        self.kernels.extend(split.keys());
+        if let Some(row) = self.rows.last_mut().filter(|row| row.name == name) {
+            row.split = split.into_iter().map(|(kernel, seconds)| (kernel, seconds / f64::from(runs - 1))).collect();
+        }
+        Ok(())
+    }
+
+    /// Kernels of the registry that no row ran, so that none is forgotten; nobody can tell after a part only.
+    pub(crate) fn unmeasured(&self) -> Vec<&'static str> {
+        let all = guard4d_kernels::registry::ALL.iter().map(|kernel| kernel.name);
+        all.filter(|name| self.partial == 0 && !self.kernels.contains(name)).collect()
+    }
+
+    /// Times that `once` returns. The first one, in which the driver compiles, is thrown away; a row that the command
+    /// line left out is never run.
     pub(crate) fn samples(
         &mut self,
         name: &str,
         work: Work,
         mut once: impl FnMut() -> Result<Duration, EngineError>,
     ) -> Result<(), EngineError> {
-        once()?;
-        let mut samples = Vec::new();
+        let (mut samples, mut is_warm) = (Vec::new(), false);
         let mut failure = None;
         self.criterion.bench_function(name, |b| {
             b.iter_custom(|iterations| {
                 let mut total = Duration::ZERO;
-                for _ in 0..iterations {
+                let discarded = u64::from(!is_warm);
+                is_warm = true;
+                for run in 0..iterations + discarded {
                     match once() {
+                        Ok(_) if run < discarded => {}
                         Ok(time) => {
                             samples.push(time.as_secs_f64());
                             total += time;
@@ -130,7 +176,7 @@ impl Bench {
         if samples.len() < SAMPLES {
             self.partial += 1;
         } else {
-            self.rows.push(Row { name: name.to_owned(), work, samples });
+            self.rows.push(Row { name: name.to_owned(), work, samples, split: BTreeMap::new() });
         }
         Ok(())
     }

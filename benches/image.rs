@@ -1,23 +1,79 @@
-//! Antialiased resize of a clip to CLIP's input.
+//! Operations on clips: the antialiased resize to CLIP's input, and those that take one pixel at a time.
 
+use guard4d_kernels::Buffer;
+use guard4d_kernels::image::noise::{self, Noise};
+use guard4d_kernels::image::normalize::{self, Normalization};
 use guard4d_kernels::image::resize::{self, ImageSize, ResizePlan};
+use guard4d_kernels::image::{clamp01, colour_map, quantize};
 use guard4d_kernels::shape::Accumulate;
 
 use crate::Outcome;
 use crate::harness::{Bench, Work};
 
+const FRAMES: usize = 8;
+const SIDE: usize = 400;
+const PIXELS: usize = FRAMES * SIDE * SIDE;
+
 pub(crate) fn measure(bench: &mut Bench) -> Outcome {
-    let (frames, from, to) = (8, 400, 64);
+    let mut clips = Clips {
+        x: bench.data("x", 4 * PIXELS)?,
+        v_y: bench.data("v_y", 4 * PIXELS)?,
+        out: bench.device.buffer("out", 4 * PIXELS)?,
+    };
+    resize_clip(bench, &mut clips)?;
+    map_pixels(bench, &mut clips)?;
+    disturb_pixels(bench, &mut clips)
+}
+
+/// Clips `[F,H,W,4]` of full size.
+struct Clips {
+    x: Buffer<f32>,
+    v_y: Buffer<f32>,
+    out: Buffer<f32>,
+}
+
+fn resize_clip(bench: &mut Bench, clips: &mut Clips) -> Outcome {
+    let to = 64;
     let square = |side| ImageSize { height: side, width: side };
-    let plan = ResizePlan::new(&bench.device, square(from), square(to))?;
-    let mut scratch = plan.scratch(&bench.device, frames)?;
-    let mut large = bench.data("large", frames * from * from * 4)?;
-    let mut small = bench.device.buffer("small", frames * to * to * 4)?;
-    let work = Work::Bytes((16 * frames * (from * from + to * to)) as f64, "16·F·(H·W + H'·W')");
-    bench.passes(&format!("image/resize forward {frames}x{from}x{from}->{to}"), work, |rec| {
-        resize::forward(rec, &plan, &large, &mut small, &mut scratch)
+    let plan = ResizePlan::new(&bench.device, square(SIDE), square(to))?;
+    let mut scratch = plan.scratch(&bench.device, FRAMES)?;
+    let mut small = bench.device.buffer("small", FRAMES * to * to * 4)?;
+    let work = Work::Bytes((16 * FRAMES * (SIDE * SIDE + to * to)) as f64, "16·F·(H·W + H'·W')");
+    bench.passes(&format!("image/resize forward {FRAMES}x{SIDE}x{SIDE}->{to}"), work, |rec| {
+        resize::forward(rec, &plan, &clips.x, &mut small, &mut scratch)
     })?;
-    bench.passes(&format!("image/resize backward {frames}x{from}x{from}->{to}"), work, |rec| {
-        resize::backward(rec, &plan, &small, (&mut large, Accumulate::Overwrite), &mut scratch)
+    bench.passes(&format!("image/resize backward {FRAMES}x{SIDE}x{SIDE}->{to}"), work, |rec| {
+        resize::backward(rec, &plan, &small, (&mut clips.out, Accumulate::Overwrite), &mut scratch)
     })
+}
+
+/// Work of a pass over whole clips: two that it reads or writes, or three.
+fn two() -> Work {
+    Work::Bytes((2 * 16 * PIXELS) as f64, "2·16·F·H·W")
+}
+
+fn three() -> Work {
+    Work::Bytes((3 * 16 * PIXELS) as f64, "3·16·F·H·W")
+}
+
+fn map_pixels(bench: &mut Bench, clips: &mut Clips) -> Outcome {
+    let Clips { x, v_y, out } = clips;
+    let label = format!("{FRAMES}x{SIDE}x{SIDE}");
+    // Its backward pass is the same kernel with the transposed map.
+    let map = [[0.5, 0.25, 0.25], [0.25, 0.5, 0.25], [0.25, 0.25, 0.5]];
+    bench.passes(&format!("image/colour_map {label}"), two(), |rec| colour_map::forward(rec, &map, x, out))?;
+    let by = Normalization { mean: [0.5; 3], std: [0.25; 3] };
+    bench.passes(&format!("image/normalize forward {label}"), two(), |rec| normalize::forward(rec, &by, x, out))?;
+    bench.passes(&format!("image/normalize backward {label}"), two(), |rec| normalize::backward(rec, &by, v_y, out))
+}
+
+fn disturb_pixels(bench: &mut Bench, clips: &mut Clips) -> Outcome {
+    let Clips { x, v_y, out } = clips;
+    let label = format!("{FRAMES}x{SIDE}x{SIDE}");
+    bench.passes(&format!("image/clamp01 forward {label}"), two(), |rec| clamp01::forward(rec, x, out))?;
+    bench.passes(&format!("image/clamp01 backward {label}"), three(), |rec| clamp01::backward(rec, x, v_y, out))?;
+    bench.passes(&format!("image/quantize {label}"), two(), |rec| quantize::forward(rec, x, out))?;
+    let noise = Noise { sigma: 0.02, seed: 1, stream: 0 };
+    bench.passes(&format!("image/noise forward {label}"), two(), |rec| noise::forward(rec, &noise, x, out))?;
+    bench.passes(&format!("image/noise backward {label}"), three(), |rec| noise::backward(rec, &noise, x, v_y, out))
 }

@@ -17,9 +17,28 @@ mod report;
 mod scan;
 mod splat;
 
-type Outcome = Result<(), guard4d_engine::EngineError>;
+use std::process::ExitCode;
 
-fn main() -> Outcome {
+use guard4d_engine::EngineError;
+
+type Outcome = Result<(), EngineError>;
+
+fn main() -> ExitCode {
+    match run() {
+        Ok(missing) if missing.is_empty() => ExitCode::SUCCESS,
+        Ok(missing) => {
+            eprintln!("no row runs these kernels: {}", missing.join(", "));
+            ExitCode::FAILURE
+        }
+        Err(error) => {
+            eprintln!("{error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Measures, writes the report and returns the kernels that no row runs.
+fn run() -> Result<Vec<&'static str>, EngineError> {
     let mut bench = harness::Bench::open()?;
     for family in [
         probe::measure,
@@ -34,5 +53,6 @@ fn main() -> Outcome {
     ] {
         family(&mut bench)?;
     }
-    report::write(&bench)
+    report::write(&bench)?;
+    Ok(bench.unmeasured())
 }

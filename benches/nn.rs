@@ -1,22 +1,41 @@
-//! Matrix product, attention, layer norm and 3D convolution.
+//! Matrix product, attention, 3D convolution, and the smaller parts of the networks.
 
+use guard4d_kernels::nn::activation::{self, Activation as Pointwise};
 use guard4d_kernels::nn::attention::{self, AttentionShape, AttentionState, Mask, ProjectionGrads, Projections};
 use guard4d_kernels::nn::conv3d::{
     self, Activation, Bias, Conv3d, Conv3dScratch, InputGradient, Padding, TAPS, WeightGradient,
 };
+use guard4d_kernels::nn::embedding::{self, Tables};
 use guard4d_kernels::nn::layer_norm::{self, LayerNorm, Rows};
-use guard4d_kernels::nn::matmul::{self, Product};
-use guard4d_kernels::nn::pack::PackedWeight;
+use guard4d_kernels::nn::matmul::{self, GradScratch, Product};
+use guard4d_kernels::nn::pack::{self, Order, PackedWeight};
+use guard4d_kernels::nn::patch_embed::{self, PatchShape};
+use guard4d_kernels::nn::{axpy, column_sum, l2_normalize, row_mean, transpose};
 use guard4d_kernels::shape::{Accumulate, ClipShape};
 
 use crate::Outcome;
 use crate::harness::{Bench, Work};
 
+/// Rows and columns of the kernels that take rows: 32 MiB, more than a cache holds.
+const ROWS: usize = 65_536;
+const WIDTH: usize = 128;
+
 pub(crate) fn measure(bench: &mut Bench) -> Outcome {
     product(bench)?;
+    rearrange(bench)?;
     attend(bench)?;
     norm(bench)?;
+    pointwise(bench)?;
+    reduce(bench)?;
+    patches(bench)?;
+    tokens(bench)?;
     convolve(bench)
+}
+
+/// Bytes of this many passes over `[ROWS, WIDTH]`.
+fn streams(count: usize) -> Work {
+    let formula = if count == 2 { "2·4·rows·w" } else { "3·4·rows·w" };
+    Work::Bytes((count * 4 * ROWS * WIDTH) as f64, formula)
 }
 
 fn product(bench: &mut Bench) -> Outcome {
@@ -27,7 +46,28 @@ fn product(bench: &mut Bench) -> Outcome {
     let work = Work::Flops((2 * m * k * n) as f64, "2·m·k·n");
     bench.passes(&format!("nn/matmul {m}x{k}x{n}"), work, |rec| {
         matmul::forward(rec, &Product::plain(&a, m, &weight), &mut c)
+    })?;
+    let mut scratch = GradScratch::new(&bench.device, "gradient", m, n, k)?;
+    let mut v_w = bench.device.buffer("v_w", n * k)?;
+    bench.passes(&format!("nn/matmul weight_gradient {m}x{k}x{n}"), work, |rec| {
+        matmul::weight_gradient(rec, &a, &c, &mut scratch, &mut v_w)
     })
+}
+
+/// What brings operands into the order that a product wants.
+fn rearrange(bench: &mut Bench) -> Outcome {
+    let (rows, cols) = (4096, 2048);
+    let work = Work::Bytes((8 * rows * cols) as f64, "2·4·rows·cols");
+    let x = bench.data("x", rows * cols)?;
+    let mut y = bench.device.buffer("y", rows * cols)?;
+    bench.passes(&format!("nn/transpose {rows}x{cols}"), work, |rec| transpose::copy(rec, &x, rows, cols, &mut y))?;
+    let mut packed = PackedWeight::zeros(&bench.device, "packed", rows, cols)?;
+    for (order, name) in [(Order::Rows { stride: cols }, "rows"), (Order::Columns { stride: rows }, "columns")] {
+        bench.passes(&format!("nn/pack from {name} {rows}x{cols}"), work, |rec| {
+            pack::gather(rec, &x, order, &mut packed)
+        })?;
+    }
+    Ok(())
 }
 
 fn attend(bench: &mut Bench) -> Outcome {
@@ -51,17 +91,78 @@ fn attend(bench: &mut Bench) -> Outcome {
 }
 
 fn norm(bench: &mut Bench) -> Outcome {
-    let (rows, width) = (65_536, 128);
-    let norm = LayerNorm::new(&bench.device, "norm", &vec![1.0; width], &vec![0.0; width], 1e-5)?;
-    let (x, v_y) = (bench.data("x", rows * width)?, bench.data("v_y", rows * width)?);
-    let mut out = bench.device.buffer("out", rows * width)?;
-    let bytes = |streams: usize| (streams * 4 * rows * width) as f64;
-    bench.passes(&format!("nn/layer_norm forward {rows}x{width}"), Work::Bytes(bytes(2), "2·4·rows·w"), |rec| {
-        layer_norm::forward(rec, &norm, &x, Rows::all(rows), &mut out)
+    let norm = LayerNorm::new(&bench.device, "norm", &[1.0; WIDTH], &[0.0; WIDTH], 1e-5)?;
+    let (x, v_y) = (bench.data("x", ROWS * WIDTH)?, bench.data("v_y", ROWS * WIDTH)?);
+    let mut out = bench.device.buffer("out", ROWS * WIDTH)?;
+    bench.passes(&format!("nn/layer_norm forward {ROWS}x{WIDTH}"), streams(2), |rec| {
+        layer_norm::forward(rec, &norm, &x, Rows::all(ROWS), &mut out)
     })?;
-    bench.passes(&format!("nn/layer_norm backward {rows}x{width}"), Work::Bytes(bytes(3), "3·4·rows·w"), |rec| {
+    bench.passes(&format!("nn/layer_norm backward {ROWS}x{WIDTH}"), streams(3), |rec| {
         let upstream = layer_norm::Upstream { x: &x, v_y: &v_y, v_residual: None };
-        layer_norm::backward(rec, &norm, &upstream, Rows::all(rows), &mut out)
+        layer_norm::backward(rec, &norm, &upstream, Rows::all(ROWS), &mut out)
+    })?;
+    bench.passes(&format!("nn/l2_normalize forward {ROWS}x{WIDTH}"), streams(2), |rec| {
+        l2_normalize::forward(rec, &x, WIDTH, &mut out)
+    })?;
+    bench.passes(&format!("nn/l2_normalize backward {ROWS}x{WIDTH}"), streams(3), |rec| {
+        l2_normalize::backward(rec, &x, &v_y, WIDTH, &mut out)
+    })
+}
+
+fn pointwise(bench: &mut Bench) -> Outcome {
+    let (x, v_y) = (bench.data("x", ROWS * WIDTH)?, bench.data("v_y", ROWS * WIDTH)?);
+    let mut out = bench.device.buffer("out", ROWS * WIDTH)?;
+    for (function, name) in [(Pointwise::QuickGelu, "quick GELU"), (Pointwise::Gelu, "GELU")] {
+        bench.passes(&format!("nn/activation forward {name} {ROWS}x{WIDTH}"), streams(2), |rec| {
+            activation::forward(rec, function, &x, &mut out)
+        })?;
+        bench.passes(&format!("nn/activation backward {name} {ROWS}x{WIDTH}"), streams(3), |rec| {
+            activation::backward(rec, function, &x, &v_y, &mut out)
+        })?;
+    }
+    bench.passes(&format!("nn/axpy forward {ROWS}x{WIDTH}"), streams(3), |rec| {
+        axpy::forward(rec, 0.5, &x, &v_y, &mut out)
+    })?;
+    bench
+        .passes(&format!("nn/axpy backward {ROWS}x{WIDTH}"), streams(2), |rec| axpy::backward(rec, 0.5, &v_y, &mut out))
+}
+
+fn reduce(bench: &mut Bench) -> Outcome {
+    let x = bench.data("x", ROWS * WIDTH)?;
+    let mut mean = bench.device.buffer("mean", ROWS)?;
+    let work = Work::Bytes((4 * ROWS * (WIDTH + 1)) as f64, "4·rows·(w + 1)");
+    bench.passes(&format!("nn/row_mean {ROWS}x{WIDTH}"), work, |rec| row_mean::forward(rec, &x, WIDTH, &mut mean))?;
+    // Half as many rows: a lane may not walk all of them.
+    let (rows, width) = (ROWS / 2, WIDTH * 2);
+    let mut sum = bench.device.buffer("sum", width)?;
+    let work = Work::Bytes((4 * width * (rows + 1)) as f64, "4·w·(rows + 1)");
+    bench.passes(&format!("nn/column_sum {rows}x{width}"), work, |rec| column_sum::forward(rec, &x, &mut sum))
+}
+
+fn patches(bench: &mut Bench) -> Outcome {
+    let shape = PatchShape { batch: 192, side_px: 64, patch_px: 8 };
+    let mut pixels = bench.data("pixels", shape.pixels_len())?;
+    let mut rows = bench.device.buffer("rows", shape.rows_len())?;
+    let work = Work::Bytes((4 * (shape.pixels_len() + shape.rows_len())) as f64, "16·b·s² + 16·b·t·p²");
+    let label = format!("{} images of {} px, patch {}", shape.batch, shape.side_px, shape.patch_px);
+    bench.passes(&format!("nn/patch_embed unfold {label}"), work, |rec| {
+        patch_embed::unfold(rec, shape, &pixels, &mut rows)
+    })?;
+    bench.passes(&format!("nn/patch_embed fold {label}"), work, |rec| patch_embed::fold(rec, shape, &rows, &mut pixels))
+}
+
+fn tokens(bench: &mut Bench) -> Outcome {
+    // Messages of 16 bits, with a begin and an end token, in the text tower of the mini CLIP.
+    let (sequences, tokens, vocabulary) = (4096, 18, 49_408);
+    let rows = sequences * tokens;
+    let ids: Vec<u32> = (0..rows as u32).map(|i| i * 7919 % vocabulary as u32).collect();
+    let ids = bench.device.buffer_from("ids", &ids)?;
+    let (table, position) = (bench.data("table", vocabulary * WIDTH)?, bench.data("position", tokens * WIDTH)?);
+    let mut y = bench.device.buffer("y", rows * WIDTH)?;
+    let tables = Tables { table: &table, position: &position, width: WIDTH };
+    let work = Work::Bytes((4 * rows * (1 + 2 * WIDTH)) as f64, "4·rows·(1 + 2·w)");
+    bench.passes(&format!("nn/embedding {sequences} sequences of {tokens} tokens, width {WIDTH}"), work, |rec| {
+        embedding::gather(rec, &tables, &ids, tokens, &mut y)
     })
 }
 

@@ -76,5 +76,26 @@ fn summary(bench: &Bench) -> String {
         writeln!(out, "| {} | {:.3} | {rate} {unit} | {share} | {formula} |", row.name, row.median() * 1e3)
             .expect("a string takes any text");
     }
+    out.push_str(&split(bench));
+    let missing = bench.unmeasured();
+    if !missing.is_empty() {
+        writeln!(out, "\n**No row runs these kernels**: {}", missing.join(", ")).expect("a string takes any text");
+    }
+    out
+}
+
+/// Where the time of rows with several kernels goes.
+fn split(bench: &Bench) -> String {
+    let mut out = "\n## By kernel\n\nMeans over the runs of rows that run several kernels.\n\n\
+                   | row | kernel | ms | share |\n| --- | --- | ---: | ---: |\n"
+        .to_owned();
+    for row in bench.rows.iter().filter(|row| row.split.len() > 1) {
+        let total: f64 = row.split.values().sum();
+        for (kernel, seconds) in &row.split {
+            let share = if total > 0.0 { 100.0 * seconds / total } else { 0.0 };
+            writeln!(out, "| {} | {kernel} | {:.3} | {share:.1} % |", row.name, seconds * 1e3)
+                .expect("a string takes any text");
+        }
+    }
     out
 }

@@ -1,11 +1,17 @@
-//! Planning, rendering and differentiating one frame of the embedded scene.
+//! Moving, planning, rendering and differentiating one frame of the embedded scene.
 
-use guard4d_engine::deform::DeformField;
+use guard4d_engine::EngineError;
+use guard4d_engine::deform::{DeformField, SplatState};
 use guard4d_engine::demo::Scene;
-use guard4d_engine::render::{Frame, FrameMut, OffsetBases, Offsets, Prune, Renderer};
+use guard4d_engine::render::{Frame, FrameMut, OffsetBases, Prune};
 use guard4d_engine::scene::{Camera, Model};
-use guard4d_kernels::splat::project::View;
-use guard4d_kernels::splat::tile_bin::TileBinner;
+use guard4d_kernels::splat::SH_FLOATS;
+use guard4d_kernels::splat::deform::{self, ALL_COLUMNS, DeformedOut, Heads, RotationUpdate};
+use guard4d_kernels::splat::hexplane::{self, Plane, Planes};
+use guard4d_kernels::splat::project::{self, Projection, View};
+use guard4d_kernels::splat::rasterize::{self, BackwardScratch};
+use guard4d_kernels::splat::sh::{self, ShInputs, VisibleSplats};
+use guard4d_kernels::splat::tile_bin::{TileBinner, VisibleLists};
 
 use crate::Outcome;
 use crate::harness::{Bench, Work};
@@ -18,37 +24,109 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
     let clips = scene.cameras((SIDE, SIDE))?.clips();
     let (camera, time) = clips[0][0];
     let mut field = DeformField::new(&bench.device, &model.gaussians, model.deformation.as_ref())?;
+    moments(bench, &model, field.canonical(), time)?;
     let state = field.at(time)?;
-    let mut renderer = Renderer::new(&bench.device)?;
-    let plan = renderer.plan(&state, &camera, Prune::Remove)?;
-    let (splats, visible, pairs) = (state.len(), plan.num_visible(), plan.num_isects());
-    let pixels = plan.frame_len() / 4;
-    let label = format!("demo scene, {SIDE}x{SIDE}, N {splats}, V {visible}, I {pairs}");
+    let lists = plan(bench, &state, &view(&camera))?;
+    for bases in [OffsetBases::Dc, OffsetBases::All] {
+        colours(bench, &state, &lists, bases)?;
+    }
+    blend(bench, &model, &lists)
+}
 
+/// The parts of the deformation network that are no matrix product.
+fn moments(bench: &mut Bench, model: &Model, state: &SplatState, time: f32) -> Outcome {
+    let weights = model.deformation.as_ref().ok_or_else(|| EngineError::Usage {
+        what: "embedded scene".to_owned(),
+        got: "no deformation".to_owned(),
+        expected: "one that moves".to_owned(),
+    })?;
+    let n = state.len();
+    let channels = weights.config.output_coordinate_dim;
+    let plane = |p: &guard4d_engine::scene::deformation::Plane| (p.width, p.height);
+    let sizes: Vec<_> = weights.grids.iter().flatten().map(plane).collect();
+    let data = weights.grids.iter().flatten().map(|p| p.data.as_slice());
+    let planes: Vec<_> = data.zip(sizes).map(|(data, (width, height))| Plane { data, width, height }).collect();
+    let planes = Planes::new(&bench.device, &planes, channels, weights.aabb)?;
+    let mut features = bench.device.buffer("features", n * planes.features())?;
+    let work = Work::Bytes((4 * n * (4 + 25 * planes.features())) as f64, "4·N·(4 + (6·4+1)·L·C), no cache");
+    bench.passes(&format!("splat/hexplane {n} splats, {} features", planes.features()), work, |rec| {
+        hexplane::forward(rec, &planes, state.raw().means, time, &mut features)
+    })?;
+
+    let columns = ALL_COLUMNS.next_multiple_of(8);
+    let head_values = bench.data("heads", n * columns)?;
+    let heads = Heads { data: &head_values, columns };
+    let part = |name: &str| bench.device.buffer(name, 4 * n);
+    let [mut means, mut scales, mut quats] = [part("means")?, part("scales")?, part("quats")?];
+    bench.passes(&format!("splat/deform_apply {n} splats"), Work::Bytes((144 * n) as f64, "9·16·N"), |rec| {
+        let out = DeformedOut { means: &mut means, scales: &mut scales, quats: &mut quats };
+        deform::apply(rec, state.raw(), heads, RotationUpdate::Add, out)
+    })?;
+    let mut sh_coeffs = bench.device.buffer("deformed_sh", SH_FLOATS * n)?;
+    let work = Work::Bytes((3 * 4 * SH_FLOATS * n) as f64, "3·4·48·N");
+    bench.passes(&format!("splat/deform_sh {n} splats"), work, |rec| {
+        deform::apply_sh(rec, state.sh_coeffs(), heads, &mut sh_coeffs)
+    })
+}
+
+fn plan(bench: &mut Bench, state: &SplatState, view: &View) -> Result<VisibleLists, EngineError> {
+    let n = state.len();
+    let mut projection = Projection::new(&bench.device, n)?;
+    bench.passes(&format!("splat/project {n} splats"), Work::Bytes((120 * n) as f64, "(48 + 72)·N"), |rec| {
+        project::forward(rec, view, state.raw(), n, &mut projection)
+    })?;
     let mut binner = TileBinner::new(&bench.device)?;
-    let work = Work::Bytes((48 * splats + 48 * visible + 8 * pairs) as f64, "48·N + 48·V + 8·I");
-    bench.samples(&format!("splat/plan {label}"), work, || {
-        Ok(binner.build(&view(&camera), state.raw(), splats, Prune::Remove)?.1.total())
+    let (lists, _) = binner.build(view, state.raw(), n, Prune::Remove)?;
+    let (visible, pairs) = (lists.num_visible, lists.num_isects);
+    let work = Work::Bytes((48 * n + 48 * visible + 8 * pairs) as f64, "48·N + 48·V + 8·I");
+    bench.timed(&format!("splat/plan {}", label(state, &lists)), work, || {
+        Ok(binner.build(view, state.raw(), n, Prune::Remove)?.1)
     })?;
+    Ok(lists)
+}
 
-    let bases = OffsetBases::Dc;
-    let offsets = bench.device.buffer("offsets", bases.floats() * splats)?;
+fn label(state: &SplatState, lists: &VisibleLists) -> String {
+    let (n, visible, pairs) = (state.len(), lists.num_visible, lists.num_isects);
+    format!("demo scene, {SIDE}x{SIDE}, N {n}, V {visible}, I {pairs}")
+}
+
+fn colours(bench: &mut Bench, state: &SplatState, lists: &VisibleLists, bases: OffsetBases) -> Outcome {
+    let count = lists.num_visible;
+    let (row, name) = match bases {
+        OffsetBases::Dc => (16, "DC"),
+        OffsetBases::All => (192, "all bases"),
+    };
+    let offsets = bench.data("offsets", bases.floats() * state.len())?;
     let mut v_offsets = bench.device.buffer("v_offsets", offsets.len())?;
-    let mut frame = bench.device.buffer("frame", plan.frame_len())?;
-    let offsets = Offsets { data: &offsets, bases };
-    let device = bench.device.clone();
-    let work = Work::Bytes((52 * pairs + 16 * pixels) as f64, "52·I + 16·H·W");
-    bench.samples(&format!("splat/forward {label}"), work, || {
-        let mut rec = device.recorder()?;
-        let target = FrameMut { clip: &mut frame, index: 0 };
-        renderer.forward(&mut rec, &plan, Some(offsets), model.background, target)?;
-        Ok(rec.submit()?.total())
+    let mut colours = bench.device.buffer("colours", 4 * count)?;
+    let v_colours = bench.data("v_colours", 4 * count)?;
+    let visible = VisibleSplats { dirs: &lists.dirs, splat_from_visible: &lists.splat_from_visible, count };
+    let degree = state.sh_degree();
+    let sh = ShInputs { sh_coeffs: state.sh_coeffs(), offsets: Some((&offsets, bases)), degree };
+    let work = Work::Bytes((count * (228 + row)) as f64, "V·(16 + 4 + 192 + offsets + 16)");
+    bench.passes(&format!("splat/sh forward {count} splats, degree {degree}, {name}"), work, |rec| {
+        sh::forward(rec, &sh, &visible, &mut colours)
     })?;
+    let work = Work::Bytes((count * (228 + 3 * row)) as f64, "V·(16 + 4 + 192 + 3·offsets + 16)");
+    bench.passes(&format!("splat/sh backward {count} splats, degree {degree}, {name}"), work, |rec| {
+        sh::backward(rec, &sh, &visible, &v_colours, &mut v_offsets)
+    })
+}
+
+fn blend(bench: &mut Bench, model: &Model, lists: &VisibleLists) -> Outcome {
+    let (pixels, pairs) = (lists.grid.num_pixels(), lists.num_isects);
+    let label = format!("demo scene, {SIDE}x{SIDE}, V {}, I {pairs}", lists.num_visible);
+    let colours = bench.data("colours", 4 * lists.num_visible)?;
+    let mut v_colours = bench.device.buffer("v_colours", colours.len())?;
+    let mut clip = bench.device.buffer("frame", 4 * pixels)?;
+    let work = Work::Bytes((52 * pairs + 16 * pixels) as f64, "52·I + 16·H·W");
+    bench.passes(&format!("splat/rasterize forward {label}"), work, |rec| {
+        rasterize::forward(rec, lists, &colours, model.background, FrameMut { clip: &mut clip, index: 0 })
+    })?;
+    let mut scratch = BackwardScratch::new(&bench.device, pairs)?;
     let work = Work::Bytes((72 * pairs + 16 * pixels) as f64, "72·I + 16·H·W");
-    bench.samples(&format!("splat/backward {label}"), work, || {
-        let mut rec = device.recorder()?;
-        renderer.backward(&mut rec, &plan, offsets, Frame { clip: &frame, index: 0 }, &mut v_offsets)?;
-        Ok(rec.submit()?.total())
+    bench.passes(&format!("splat/rasterize backward {label}"), work, |rec| {
+        rasterize::backward(rec, lists, Frame { clip: &clip, index: 0 }, &mut scratch, &mut v_colours)
     })
 }
 

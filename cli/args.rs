@@ -17,10 +17,10 @@ pub(crate) struct Cli {
 
 /// Shown below `--help`; `EngineError::exit_code` and `Outcome` give these numbers.
 const EXIT_CODES: &str = "Exit codes:
-  0   done; verify: the mark is present
-  1   verify: absent; embed: the quality gate was missed (the receipt has the numbers)
+  0   done; verify, demo: the mark is present
+  1   verify, demo: absent; embed: the quality gate was missed (the receipt has the numbers)
   2   wrong usage
-  4   verify: inconclusive
+  4   verify, demo: inconclusive
   65  an input's content is wrong          66  an input is missing
   69  no suitable device or program        70  internal error
   73  an output cannot be created          74  reading or writing failed
@@ -78,6 +78,44 @@ pub(crate) struct DemoArgs {
     /// Seed of cameras and noise
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,
+    #[command(flatten)]
+    pub(crate) short: ShortDemoArgs,
+}
+
+/// For a demonstration that proves nothing but ends soon, as tests need it; `--help` does not show them.
+#[derive(Args, Debug)]
+#[command(mut_arg("steps", |arg| arg.hide(true)))]
+#[command(mut_arg("train_clips", |arg| arg.hide(true)))]
+#[command(mut_arg("responses", |arg| arg.hide(true)))]
+pub(crate) struct ShortDemoArgs {
+    #[command(flatten)]
+    pub(crate) effort: EffortArgs,
+    /// Picture size WIDTHxHEIGHT
+    #[arg(long, hide = true, value_parser = parse_size)]
+    pub(crate) size: Option<(u32, u32)>,
+    /// Film this many of the frames that training never saw instead of all
+    #[arg(long, hide = true)]
+    pub(crate) frames: Option<usize>,
+    /// Owner key instead of a fresh one
+    #[arg(long, hide = true)]
+    pub(crate) key: Option<PathBuf>,
+    /// Wrong key instead of a fresh one
+    #[arg(long, hide = true)]
+    pub(crate) wrong_key: Option<PathBuf>,
+}
+
+/// How much an embedding is trained.
+#[derive(Args, Debug)]
+pub(crate) struct EffortArgs {
+    /// Training steps instead of the profile's
+    #[arg(long)]
+    pub(crate) steps: Option<u32>,
+    /// Training clips instead of the profile's
+    #[arg(long)]
+    pub(crate) train_clips: Option<u32>,
+    /// Random offset fields that the calibration is fitted to, instead of the profile's
+    #[arg(long)]
+    pub(crate) responses: Option<u32>,
 }
 
 #[derive(Args, Debug)]
@@ -85,7 +123,7 @@ pub(crate) struct KeygenArgs {
     /// CLIP checkpoint: `mini` (embedded) or a folder with config.json and model.safetensors
     #[arg(long, default_value = "mini")]
     pub(crate) clip: String,
-    /// Message bits, a multiple of 8
+    /// Message bits: a multiple of 8, and at most two less than the CLIP model has text positions (`mini`: 72)
     #[arg(long, default_value_t = 16)]
     pub(crate) bits: u32,
     /// Key file to write; keep it private
@@ -161,7 +199,7 @@ pub(crate) struct EmbedArgs {
     /// CLIP checkpoint that the key was made with: `mini` or a folder
     #[arg(long, default_value = "mini")]
     pub(crate) clip: String,
-    /// hex:…, bits:… or random (derived from the key and the model)
+    /// hex:…, bits:… or random: the key's own message, the same in every model
     #[arg(long, default_value = "random")]
     pub(crate) message: String,
     #[command(flatten)]
@@ -172,18 +210,11 @@ pub(crate) struct EmbedArgs {
     /// How much work to spend
     #[arg(long, value_enum, default_value = "balanced")]
     pub(crate) profile: ProfileArg,
-    /// Extractor mode
-    #[arg(long, value_enum, default_value = "joint")]
+    /// What a frame passes through before CLIP, and so what a match proves
+    #[arg(long, value_enum, default_value = "blind")]
     pub(crate) extractor: ExtractorArg,
-    /// Training steps instead of the profile's
-    #[arg(long)]
-    pub(crate) steps: Option<u32>,
-    /// Training clips instead of the profile's
-    #[arg(long)]
-    pub(crate) train_clips: Option<u32>,
-    /// Random offset fields that the calibration is fitted to, instead of the profile's
-    #[arg(long)]
-    pub(crate) responses: Option<u32>,
+    #[command(flatten)]
+    pub(crate) effort: EffortArgs,
     /// Fidelity to hold, in dB over whole frames, instead of the profile's
     #[arg(long)]
     pub(crate) target_psnr: Option<f32>,
@@ -344,6 +375,25 @@ pub(crate) enum DumpCommand {
         #[command(flatten)]
         io: DumpIo,
     },
+    /// Antialiased bilinear resize with aligned corners, and its gradient
+    ///
+    /// Reads x [F,H,W,C] with C = 3 or 4, the fourth channel unread, and v_y [F,h,w,C] if it is there. Writes
+    /// y [F,h,w,C]; with v_y also v_x like x.
+    Resize {
+        /// Size to come to: WIDTHxHEIGHT, that is wxh
+        #[arg(long, value_parser = parse_any_size)]
+        size: (u32, u32),
+        #[command(flatten)]
+        io: DumpIo,
+    },
+    /// Adam steps on given gradients
+    ///
+    /// Reads param [n], grads [steps,n] and hyper [4] (learning rate, decays of both moments, epsilon). Writes
+    /// history [steps,n] (the parameters after each step), and the last moments exp_avg [n] and exp_avg_sq [n].
+    Adam {
+        #[command(flatten)]
+        io: DumpIo,
+    },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -365,10 +415,18 @@ pub(crate) struct DumpIo {
     pub(crate) out: PathBuf,
 }
 
+/// Size of a picture.
 fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    size_within(text, 16..=8192)
+}
+
+/// Size of any clip that a file may hold.
+fn parse_any_size(text: &str) -> Result<(u32, u32), String> {
+    size_within(text, 1..=8192)
+}
+
+fn size_within(text: &str, sides: std::ops::RangeInclusive<u32>) -> Result<(u32, u32), String> {
     let parsed = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
-    match parsed {
-        Some((w, h)) if (16..=8192).contains(&w) && (16..=8192).contains(&h) => Ok((w, h)),
-        _ => Err(format!("`{text}`: expected WIDTHxHEIGHT, each from 16 to 8192")),
-    }
+    let fits = parsed.filter(|(w, h)| sides.contains(w) && sides.contains(h));
+    fits.ok_or_else(|| format!("`{text}`: expected WIDTHxHEIGHT, each from {} to {}", sides.start(), sides.end()))
 }

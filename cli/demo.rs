@@ -1,94 +1,190 @@
 //! `guard4d demo`: the whole way on the embedded scene, with nothing to download.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
 use guard4d_engine::EngineError;
 use guard4d_engine::clip::{Clip, ClipSource};
-use guard4d_engine::demo::{BITS, Scene};
+use guard4d_engine::demo::{self, BITS, Scene};
+use guard4d_engine::media::Frame;
 use guard4d_engine::media::encode::{EncodeOptions, write_mp4};
 use guard4d_engine::media::frames::write_png_folder;
 use guard4d_engine::output::{AtomicDir, Existing};
-use guard4d_engine::scene::Model;
+use guard4d_engine::scene::{CameraSet, Model};
 use guard4d_engine::watermark::delivery::{self, Delivery, MARKED, PRIVATE, RECEIPT};
-use guard4d_engine::watermark::embed::{EmbedConfig, Embedding, Subject};
-use guard4d_engine::watermark::evaluate::mean_accuracy;
-use guard4d_engine::watermark::evaluate::read_clips;
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Subject};
+use guard4d_engine::watermark::evaluate::{Evaluation, mean_accuracy, read_clips};
 use guard4d_engine::watermark::extractor::Reader;
 use guard4d_engine::watermark::key::Key;
-use guard4d_engine::watermark::message::Payload;
+use guard4d_engine::watermark::message::{Message, Payload};
 use guard4d_engine::watermark::prf::MasterSecret;
-use guard4d_engine::watermark::verify::{Case, Exhibits, clean_clips};
+use guard4d_engine::watermark::verify::{Case, Exhibits, Report, clean_clips};
+use serde::Serialize;
 
 use crate::args::{Common, DemoArgs};
 use crate::media::{ffmpeg, read_options};
-use crate::report::{Outcome, evaluation_rows, table};
+use crate::report::{Outcome, cost_rows, evidence_in_words, note, percent, print, reading_rows, table};
 use crate::{devices, embed, stop, verify};
 
+/// How receipts name the embedded scene; the folder that it is unpacked to has no name of its own.
+const INPUT: &str = "demo-scene";
+/// The marked film, which is verified.
+const VIDEO: &str = "marked.mp4";
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Printed<'a> {
+    #[serde(flatten)]
+    evaluation: &'a Evaluation,
+    evidence: &'static str,
+    wrong_key: WrongKey,
+    seconds: &'a BTreeMap<String, f64>,
+    /// Most device memory in buffers at one time.
+    peak_memory_bytes: u64,
+    verification: &'a Report,
+}
+
+/// Shares of bits right when the marked clips are read with another key and the owner's extractor.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct WrongKey {
+    /// Of the other key's own message: chance, unless any key fires on any clip.
+    own_message: f64,
+    /// Of the owner's message. The extractor knows where in CLIP's space each bit lies, so this is what it gives away.
+    owners_message: f64,
+}
+
+/// The delivery's worth on held-out frames, and those frames as films: one list per clip.
+struct Film {
+    evaluation: Evaluation,
+    marked: Vec<Vec<Frame>>,
+    clean: Vec<Vec<Frame>>,
+}
+
 pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineError> {
-    let talk = |text: &str| {
-        if !common.quiet {
-            eprintln!("{text}");
-        }
-    };
     stop::listen(common);
     let existing = if args.overwrite { Existing::Replace } else { Existing::Refuse };
     let out = AtomicDir::create(&args.out, existing)?;
     let device = devices::open(common)?;
-    talk(&format!("device: {}", device.info().name));
+    note(common, &format!("device: {}", device.info().name));
     let clip = Clip::load(&device, &ClipSource::Mini)?;
     let scene = Scene::unpack()?;
     let model = Model::open(scene.path())?;
+    let config = config(args);
+    let mut seconds = BTreeMap::new();
+    let key = |path: Option<&Path>| match path {
+        Some(path) => Key::read(path, &clip),
+        None => Ok(Key::generate(&device, &clip, MasterSecret::generate()?, BITS)?.0),
+    };
 
-    talk("1/4 key: a bit-to-token table and a message decoder, from a fresh master secret");
-    let (key, report) = Key::generate(&device, &clip, MasterSecret::generate()?, BITS)?;
-    key.write(&out.path().join("owner.key"), Existing::Refuse)?;
+    note(common, "1/4 key: a bit-to-token table and a message decoder, from a fresh master secret");
+    let owner = timed(&mut seconds, "key", || key(args.short.key.as_deref()))?;
+    owner.write(&out.path().join("owner.key"), Existing::Refuse)?;
 
-    talk("2/4 embed: small colour offsets on the splats");
-    let message = Payload::parse("random", BITS)?.message(&key.prf())?;
-    let config = EmbedConfig { seed: args.seed, ..guard4d_engine::demo::config() };
-    let subject = Subject { device: &device, clip: &clip, key: &key, model: &model, message: &message };
+    note(common, "2/4 embed: small colour offsets on the splats");
+    let message = message_of(&owner)?;
+    let subject = Subject { device: &device, clip: &clip, key: &owner, model: &model, message: &message };
     stop::check()?;
     let embedding = Embedding::prepare(subject, config.clone())?;
-    let mut embedded = embed::train(embedding, &config, common, None)?;
+    let embedded = embed::train(embedding, &config, common, None)?;
+    seconds.extend(embedded.seconds.clone());
 
-    talk("3/4 render: 8-bit frames of views and times that training never saw");
-    let started = Instant::now();
-    let cameras = scene.cameras(config.size_px)?;
-    let delivery = Delivery { subject, config: &config, embedded: &embedded, input: &args.out };
-    let evaluation = delivery::write(out.path(), &delivery, &cameras)?;
-    stop::check()?;
-    let marked = Model::open(&out.path().join(MARKED))?;
-    let frames = clean_clips(&device, &marked, &cameras)?;
-    let clean = clean_clips(&device, &model, &cameras)?;
-    write_clip(out.path(), "marked", &frames.concat())?;
-    write_clip(out.path(), "clean", &clean.concat())?;
-    embedded.seconds.insert("render".to_owned(), started.elapsed().as_secs_f64());
+    note(common, "3/4 render: 8-bit frames of views and times that training never saw");
+    let mut cameras = scene.cameras(config.size_px)?;
+    cameras.views.truncate(args.short.frames.unwrap_or(usize::MAX));
+    let delivery = Delivery { subject, config: &config, embedded: &embedded, input: Path::new(INPUT) };
+    let film = timed(&mut seconds, "render", || shoot(&delivery, &cameras, out.path()))?;
 
     stop::check()?;
-    talk("4/4 verify: from the video alone");
-    let started = Instant::now();
+    note(common, "4/4 verify: from the video alone");
     let receipt = out.path().join(PRIVATE).join(RECEIPT);
-    let case = Case { device: &device, clip: &clip, key: &key, message, receipt: &receipt };
-    let exhibits = Exhibits { suspects: vec![out.path().join("marked.mp4")], clean, ..Exhibits::default() };
-    let verdict = case.verify(&exhibits, &read_options())?;
-    let (other, _) = Key::generate(&device, &clip, MasterSecret::generate()?, BITS)?;
-    let mut reader = Reader::new(&device, &clip, &other, &embedded.extractor)?;
-    let wrong = Payload::parse("random", BITS)?.message(&other.prf())?;
-    let wrong_key = mean_accuracy(&read_clips(&mut reader, &frames, other.bits())?, &wrong)?;
-    embedded.seconds.insert("key".to_owned(), report.seconds);
-    embedded.seconds.insert("verify".to_owned(), started.elapsed().as_secs_f64());
+    let case = Case { device: &device, clip: &clip, key: &owner, message, receipt: &receipt };
+    let exhibits = Exhibits { suspects: vec![out.path().join(VIDEO)], clean: film.clean, ..Exhibits::default() };
+    let verification = timed(&mut seconds, "verify", || case.verify(&exhibits, &read_options()))?;
 
-    let mut rows = evaluation_rows(&evaluation, &embedded.seconds);
-    rows.insert(4, ("wrong key (50 % is chance)", format!("{:.1} %", 100.0 * wrong_key)));
-    println!("{}\n\nreading marked.mp4:\n{}", table(&rows), verify::human(&verdict));
+    stop::check()?;
+    let wrong_key = timed(&mut seconds, "wrong key", || {
+        let other = key(args.short.wrong_key.as_deref())?;
+        read_with(&other, subject, &embedded, &film.marked)
+    })?;
+    // What was made is kept, whatever becomes of the text about it.
     out.commit()?;
-    talk(&format!("\nframes, videos, key and receipt are in {}", args.out.display()));
-    Ok(verify::outcome(&verdict))
+    let evaluation = &film.evaluation;
+    let evidence = evidence_in_words(evaluation.mode);
+    let (seconds, verification, peak_memory_bytes) = (&seconds, &verification, device.memory_use().peak_bytes);
+    let result = Printed { evaluation, evidence, wrong_key, seconds, peak_memory_bytes, verification };
+    print(common, &result, human)?;
+    note(common, &format!("\nframes, videos, key and receipt are in {}", args.out.display()));
+    Ok(verify::outcome(verification))
 }
 
-fn write_clip(out: &Path, name: &str, frames: &[guard4d_engine::media::Frame]) -> Result<(), EngineError> {
-    write_png_folder(&out.join(format!("{name}-frames")), frames)?;
-    let options = EncodeOptions { ffmpeg: ffmpeg(), ..EncodeOptions::default() };
-    write_mp4(&out.join(format!("{name}.mp4")), frames, &options)
+/// The demonstration's settings with what flags change.
+fn config(args: &DemoArgs) -> EmbedConfig {
+    let mut config = EmbedConfig { seed: args.seed, ..demo::config() };
+    embed::spend(&args.short.effort, &mut config);
+    config.size_px = args.short.size.unwrap_or(config.size_px);
+    config
+}
+
+/// Runs one stage and notes how long it took.
+fn timed<T>(
+    seconds: &mut BTreeMap<String, f64>,
+    stage: &str,
+    work: impl FnOnce() -> Result<T, EngineError>,
+) -> Result<T, EngineError> {
+    let started = Instant::now();
+    let done = work()?;
+    seconds.insert(stage.to_owned(), started.elapsed().as_secs_f64());
+    Ok(done)
+}
+
+/// The message that belongs to a key.
+fn message_of(key: &Key) -> Result<Message, EngineError> {
+    let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
+    Payload::parse("random", bits)?.message(&key.prf())
+}
+
+/// Writes the marked model into `out`, and films it as it was written, beside the original.
+fn shoot(delivery: &Delivery<'_>, cameras: &CameraSet, out: &Path) -> Result<Film, EngineError> {
+    let Subject { device, model, .. } = delivery.subject;
+    let evaluation = delivery::write(out, delivery, cameras)?;
+    stop::check()?;
+    let marked = clean_clips(device, &Model::open(&out.join(MARKED))?, cameras)?;
+    let clean = clean_clips(device, model, cameras)?;
+    for (name, video, clips) in [("marked-frames", VIDEO, &marked), ("clean-frames", "clean.mp4", &clean)] {
+        let frames = clips.concat();
+        write_png_folder(&out.join(name), &frames)?;
+        let options = EncodeOptions { ffmpeg: ffmpeg(), ..EncodeOptions::default() };
+        write_mp4(&out.join(video), &frames, &options)?;
+    }
+    Ok(Film { evaluation, marked, clean })
+}
+
+/// What someone with another key reads from the marked clips when the owner's extractor is lent to them.
+fn read_with(
+    other: &Key,
+    subject: Subject<'_>,
+    embedded: &Embedded,
+    marked: &[Vec<Frame>],
+) -> Result<WrongKey, EngineError> {
+    let mut reader = Reader::new(subject.device, subject.clip, other, &embedded.extractor)?;
+    let readings = read_clips(&mut reader, marked, other.bits())?;
+    Ok(WrongKey {
+        own_message: mean_accuracy(&readings, &message_of(other)?)?,
+        owners_message: mean_accuracy(&readings, subject.message)?,
+    })
+}
+
+fn human(result: &Printed<'_>) -> String {
+    let wrong = result.wrong_key;
+    let lent = "with private/extractor.safetensors in hand: keep private/ to yourself";
+    let rows = [
+        reading_rows(result.evaluation),
+        vec![
+            ("wrong key, its own message (50 % is chance)", percent(wrong.own_message)),
+            ("wrong key, the owner's message", format!("{} {lent}", percent(wrong.owners_message))),
+        ],
+        cost_rows(result.evaluation, result.seconds, result.peak_memory_bytes),
+    ];
+    format!("{}\n\nreading {VIDEO}:\n{}", table(&rows.concat()), verify::human(result.verification))
 }

@@ -35,6 +35,11 @@ pub(crate) fn run(args: &DumpArgs, common: &Common) -> Result<Outcome, EngineErr
             (dump::conv3d(&device, &TensorFile::read(&io.input)?, border)?, &io.out)
         }
         DumpCommand::Ssim { io } => (dump::ssim(&device, &TensorFile::read(&io.input)?)?, &io.out),
+        DumpCommand::Resize { size: (width, height), io } => {
+            let to = [*height, *width].map(|side| side as usize);
+            (dump::resize(&device, &TensorFile::read(&io.input)?, to)?, &io.out)
+        }
+        DumpCommand::Adam { io } => (dump::adam(&device, &TensorFile::read(&io.input)?)?, &io.out),
     };
     let existing = if args.overwrite { Existing::Replace } else { Existing::Refuse };
     write(tensors, out, existing, common)

@@ -1,5 +1,6 @@
 //! `guard4d embed`
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -10,7 +11,7 @@ use guard4d_engine::render::OffsetBases;
 use guard4d_engine::scene::Model;
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::delivery::{self, Delivery};
-use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, Subject};
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, HeldOutReport, Profile, Subject};
 use guard4d_engine::watermark::evaluate::Evaluation;
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::gate::{Gate, Shortfall};
@@ -19,10 +20,10 @@ use guard4d_engine::watermark::message::Payload;
 use guard4d_engine::watermark::undo;
 use serde::Serialize;
 
-use crate::args::{BasesArg, Common, EmbedArgs, ExtractorArg, ProfileArg};
+use crate::args::{BasesArg, Common, EffortArgs, EmbedArgs, ExtractorArg, ProfileArg};
 use crate::devices;
 use crate::progress::bar;
-use crate::report::{Outcome, evaluation_rows, print, table};
+use crate::report::{Outcome, cost_rows, evidence_in_words, note, print, reading_rows, say, table};
 use crate::stop;
 use crate::views::cameras;
 
@@ -31,7 +32,11 @@ use crate::views::cameras;
 struct Printed<'a> {
     #[serde(flatten)]
     evaluation: &'a Evaluation,
+    evidence: &'static str,
     missed: &'a [Shortfall],
+    seconds: &'a BTreeMap<String, f64>,
+    /// Most device memory in buffers at one time.
+    peak_memory_bytes: u64,
 }
 
 pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineError> {
@@ -48,8 +53,8 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
     let key = Key::read(key_path, &clip)?;
     let gate = gate(args, key.bits())?;
     let model = Model::open(&args.model)?;
-    for warning in model.warnings.iter().filter(|_| !common.quiet) {
-        eprintln!("note: {warning}");
+    for warning in &model.warnings {
+        note(common, &format!("note: {warning}"));
     }
     let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
     let message = Payload::parse(&args.message, bits)?.message(&key.prf())?;
@@ -71,15 +76,21 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
     out.commit()?;
     remove_checkpoint(&checkpoint);
     let missed = gate.missed(&evaluation);
-    let result = Printed { evaluation: &evaluation, missed: &missed };
-    print(common, &result, |_| table(&evaluation_rows(&evaluation, &embedded.seconds)))?;
+    let seconds = &embedded.seconds;
+    let evidence = evidence_in_words(evaluation.mode);
+    let peak_memory_bytes = device.memory_use().peak_bytes;
+    let result = Printed { evaluation: &evaluation, evidence, missed: &missed, seconds, peak_memory_bytes };
+    print(common, &result, |result| {
+        let costs = cost_rows(result.evaluation, result.seconds, result.peak_memory_bytes);
+        table(&[reading_rows(result.evaluation), costs].concat())
+    })?;
     Ok(judge(&missed))
 }
 
 /// Says what fell short; the outputs stay.
 fn judge(missed: &[Shortfall]) -> Outcome {
     for shortfall in missed {
-        eprintln!("quality gate missed: {shortfall}");
+        say(&format!("quality gate missed: {shortfall}"));
     }
     if missed.is_empty() { Outcome::Done } else { Outcome::Negative }
 }
@@ -112,19 +123,24 @@ fn config(args: &EmbedArgs) -> EmbedConfig {
         BasesArg::All => OffsetBases::All,
     };
     config.fov_deg = f64::from(args.views.fov);
-    if let Some(steps) = args.steps {
-        config.steps = steps as usize;
-    }
-    if let Some(clips) = args.train_clips {
-        config.views = clips;
-    }
-    if let Some(responses) = args.responses {
-        config.responses = responses as usize;
-    }
+    spend(&args.effort, &mut config);
     if let Some(target) = args.target_psnr {
         config = config.with_target(target);
     }
     config
+}
+
+/// Replaces what a profile spends by what flags say.
+pub(crate) fn spend(effort: &EffortArgs, config: &mut EmbedConfig) {
+    if let Some(steps) = effort.steps {
+        config.steps = steps as usize;
+    }
+    if let Some(clips) = effort.train_clips {
+        config.views = clips;
+    }
+    if let Some(responses) = effort.responses {
+        config.responses = responses as usize;
+    }
 }
 
 /// Steps until done or stopped; with a checkpoint file, a stop leaves a valid one, and so does the end.
@@ -136,6 +152,7 @@ pub(crate) fn train(
 ) -> Result<Embedded, EngineError> {
     let progress = bar(common, config.steps as u64);
     let mut saved = Instant::now();
+    let mut held_out = None;
     loop {
         if stop::is_requested() {
             progress.abandon();
@@ -145,12 +162,8 @@ pub(crate) fn train(
         }
         let Some(report) = embedding.step()? else { break };
         progress.set_position(embedding.step_number() as u64);
-        progress.set_message(format!(
-            "loss {:.3}  bits {:.0} %  {:.1} dB",
-            report.message,
-            100.0 * report.bit_accuracy,
-            -10.0 * report.mse.max(f32::MIN_POSITIVE).log10()
-        ));
+        held_out = report.held_out.or(held_out);
+        progress.set_message(state(report.message, held_out));
         if let Some((path, every)) = checkpoint
             && saved.elapsed() >= Duration::from_secs(every)
         {
@@ -164,6 +177,12 @@ pub(crate) fn train(
     }
     progress.finish_and_clear();
     embedding.finish()
+}
+
+/// What the bar says: the newest loss, and the newest figures on clips that are not trained on.
+fn state(loss: f32, held_out: Option<HeldOutReport>) -> String {
+    let figures = held_out.map(|h| format!("  held out: bits {:.0} %, {:.1} dB", 100.0 * h.bit_accuracy, h.psnr));
+    format!("loss {loss:.3}{}", figures.unwrap_or_default())
 }
 
 /// Beside the output folder, so that an unfinished run leaves nothing in it.

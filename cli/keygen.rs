@@ -7,7 +7,7 @@ use guard4d_engine::watermark::key::{Key, KeyReport, read_secret};
 
 use crate::args::{Common, KeygenArgs};
 use crate::devices;
-use crate::report::{Outcome, print, table};
+use crate::report::{Outcome, note, print, table};
 
 pub(crate) fn run(args: &KeygenArgs, common: &Common) -> Result<Outcome, EngineError> {
     let existing = if args.overwrite { Existing::Replace } else { Existing::Refuse };
@@ -19,9 +19,8 @@ pub(crate) fn run(args: &KeygenArgs, common: &Common) -> Result<Outcome, EngineE
     let (key, report) = Key::generate(&device, &clip, secret, args.bits)?;
     key.write(&args.out, existing)?;
     print(common, &report, human)?;
-    if !common.quiet {
-        eprintln!("wrote {}; keep it private: whoever has it can write and read your marks", args.out.display());
-    }
+    let kept = format!("wrote {}; keep it private: whoever has it can write and read your marks", args.out.display());
+    note(common, &kept);
     Ok(Outcome::Done)
 }
 

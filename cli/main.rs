@@ -23,7 +23,7 @@ use guard4d_engine::EngineError;
 use tracing_subscriber::EnvFilter;
 
 use args::{Cli, Command, Common};
-use report::Outcome;
+use report::{Outcome, say};
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
@@ -32,7 +32,7 @@ fn main() -> ExitCode {
         Ok(outcome) => ExitCode::from(outcome.exit_code()),
         Err(error) => {
             let code = error.exit_code();
-            eprintln!("{:?}", miette::Report::new(error));
+            say(&format!("{:?}", miette::Report::new(error)));
             ExitCode::from(code)
         }
     }

@@ -1,6 +1,7 @@
 //! What a command leaves behind: an exit code, and its result as a table or as JSON.
 
 use std::collections::BTreeMap;
+use std::io::Write as _;
 
 use guard4d_engine::EngineError;
 use guard4d_engine::watermark::evaluate::Evaluation;
@@ -12,11 +13,11 @@ use crate::args::Common;
 /// How a command ended without an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outcome {
-    /// Done; for `verify`: the mark is present.
+    /// Done; for `verify` and `demo`: the mark is present.
     Done,
-    /// `verify`: absent; `embed`: the quality gate was missed.
+    /// `verify` and `demo`: absent; `embed`: the quality gate was missed.
     Negative,
-    /// `verify`: inconclusive.
+    /// `verify` and `demo`: inconclusive.
     Inconclusive,
 }
 
@@ -36,7 +37,6 @@ pub(crate) fn print<T: Serialize>(
     value: &T,
     human: impl FnOnce(&T) -> String,
 ) -> Result<(), EngineError> {
-    use std::io::Write;
     let text = if common.json {
         serde_json::to_string_pretty(value).expect("report types hold nothing that JSON cannot")
     } else {
@@ -51,16 +51,29 @@ pub(crate) fn print<T: Serialize>(
     }
 }
 
+/// Says something to whoever watches, unless asked to be quiet.
+pub(crate) fn note(common: &Common, text: &str) {
+    if !common.quiet {
+        say(text);
+    }
+}
+
+/// Says something on stderr. That nobody listens is no failure, and must not cost a result that is not yet in its place.
+pub(crate) fn say(text: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{text}");
+}
+
 /// Two columns, aligned.
-pub(crate) fn table(rows: &[(&str, String)]) -> String {
+pub(crate) fn table(rows: &[Row]) -> String {
     let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     rows.iter().map(|(name, value)| format!("  {name:width$}  {value}")).collect::<Vec<_>>().join("\n")
 }
 
-/// What an evaluation on held-out frames says, for people.
-pub(crate) fn evaluation_rows(e: &Evaluation, seconds: &BTreeMap<String, f64>) -> Vec<(&'static str, String)> {
-    let percent = |v: f64| format!("{:.1} %", 100.0 * v);
-    let stages: Vec<String> = seconds.iter().map(|(stage, s)| format!("{stage} {s:.1}")).collect();
+/// A line of a table.
+pub(crate) type Row = (&'static str, String);
+
+/// What was read from held-out frames, for people.
+pub(crate) fn reading_rows(e: &Evaluation) -> Vec<Row> {
     vec![
         ("extractor", format!("{:?}", e.mode).to_lowercase()),
         ("evidence", evidence_in_words(e.mode).to_owned()),
@@ -68,11 +81,24 @@ pub(crate) fn evaluation_rows(e: &Evaluation, seconds: &BTreeMap<String, f64>) -
         ("bits right, single frames", percent(e.marked_frames)),
         ("clean control (50 % is chance)", percent(e.clean)),
         ("noisy control (50 % is chance)", percent(e.noisy)),
+    ]
+}
+
+/// How well held-out frames were kept and what that took in time and device memory, for people.
+pub(crate) fn cost_rows(e: &Evaluation, seconds: &BTreeMap<String, f64>, peak_memory_bytes: u64) -> Vec<Row> {
+    let stages: Vec<String> = seconds.iter().map(|(stage, s)| format!("{stage} {s:.1}")).collect();
+    vec![
         ("PSNR whole frame", format!("{:.2} dB", e.psnr.mean_of_views_db.0)),
         ("PSNR object only", format!("{:.2} dB", e.foreground_psnr.mean_of_views_db.0)),
         ("SSIM", format!("{:.4}", e.ssim)),
         ("seconds", stages.join(", ")),
+        ("device memory at its peak", format!("{:.1} MB", peak_memory_bytes as f64 * 1e-6)),
     ]
+}
+
+/// A share as people read it.
+pub(crate) fn percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
 }
 
 /// What kind of evidence a mode can give.

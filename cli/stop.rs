@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use guard4d_engine::EngineError;
 
 use crate::args::Common;
+use crate::report::say;
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 
@@ -13,7 +14,7 @@ pub(crate) fn listen(common: &Common) {
     let quiet = common.quiet;
     let handler = move || {
         if !REQUESTED.swap(true, Ordering::SeqCst) && !quiet {
-            eprintln!("stopping after the work at hand");
+            say("stopping after the work at hand");
         }
     };
     if let Err(error) = ctrlc::set_handler(handler) {

@@ -23,6 +23,21 @@ fn built_in_assets_stay_small() {
     assert!(bytes > 0 && bytes <= MAX_BYTES, "{bytes} bytes are built in, {MAX_BYTES} are allowed");
 }
 
+/// Largest golden file; `generate/common.py` has the same bound.
+const MAX_GOLDEN_BYTES: u64 = 256 * 1024;
+
+fn largest_file(folder: &Path) -> u64 {
+    let entries = fs::read_dir(folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
+    let size = |path: &Path| if path.is_dir() { largest_file(path) } else { path.metadata().map_or(0, |m| m.len()) };
+    entries.map(|entry| size(&entry.expect("a folder of the checkout can be listed").path())).max().unwrap_or(0)
+}
+
+#[test]
+fn golden_files_stay_small() {
+    let bytes = largest_file(&repo("tests/golden"));
+    assert!(bytes > 0 && bytes <= MAX_GOLDEN_BYTES, "a golden file has {bytes} bytes, {MAX_GOLDEN_BYTES} are allowed");
+}
+
 #[test]
 fn demo_scene_loads_without_a_warning() {
     let model = Model::open(&repo("engine/assets/demo-scene")).expect("the demo scene is a valid model");
@@ -43,4 +58,17 @@ fn demo_scene_brings_views_and_times() {
     times.dedup();
     assert!(cameras.views.len() > times.len(), "several views at each time");
     assert_eq!((times.first(), times.last()), (Some(&0.0), Some(&1.0)), "the times span the motion");
+}
+
+#[test]
+fn readme_states_the_weights_that_are_here() {
+    let bytes =
+        fs::read(repo("engine/assets/mini-clip/model.safetensors")).expect("the weights are part of the checkout");
+    let readme = fs::read_to_string(repo("engine/assets/README.md")).expect("the README is part of the checkout");
+    let hash = blake3::hash(&bytes).to_hex();
+    assert!(readme.contains(&format!("blake3 `{hash}`")), "the README states another file than {hash}");
+    // 15,788,314 as people write it.
+    let digits = bytes.len().to_string();
+    let grouped: Vec<_> = digits.as_bytes().rchunks(3).rev().map(String::from_utf8_lossy).collect();
+    assert!(readme.contains(&format!("{} bytes", grouped.join(","))), "the README states another size than {digits}");
 }

@@ -13,13 +13,14 @@ use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::delivery::{EXTRACTOR, MARKED, PRIVATE, RECEIPT, UNDO};
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, StepReport};
 use guard4d_engine::watermark::evidence::{ExtractorMode, PStatement};
+use guard4d_engine::watermark::extractor::ExtractorWeights;
 use guard4d_engine::watermark::receipt::Receipt;
 use guard4d_engine::watermark::tmsd::TmsdConfig;
 use guard4d_engine::watermark::undo;
 use guard4d_engine::watermark::verify::{Case, Exhibits, clean_clips};
 
 use crate::support::gpu::{Gpu, device};
-use crate::support::owner::{Owner, cameras};
+use crate::support::owner::{BITS, Owner, cameras};
 
 /// Steps before the checkpoint.
 const FIRST: usize = 2;
@@ -216,9 +217,26 @@ fn the_papers_weights_train_and_ssim_reaches_the_offsets() {
 }
 
 #[test]
-fn a_delivery_changes_colours_only_verifies_and_can_be_undone() {
+fn a_delivery_without_r_changes_colours_only_verifies_and_can_be_undone() {
+    deliver_and_verify(ExtractorMode::None);
+}
+
+#[test]
+fn a_delivery_of_blind_changes_colours_only_verifies_and_can_be_undone() {
+    deliver_and_verify(ExtractorMode::Blind);
+}
+
+#[test]
+fn a_delivery_of_joint_changes_colours_only_verifies_and_can_be_undone() {
+    deliver_and_verify(ExtractorMode::Joint);
+}
+
+/// The whole way of one mode.
+fn deliver_and_verify(mode: ExtractorMode) {
     let Some(gpu) = device() else { return };
-    let owner = Owner::new(&gpu);
+    let mut owner = Owner::new(&gpu);
+    let tmsd = EmbedConfig::new(Profile::Draft, mode).tmsd;
+    owner.config = EmbedConfig { mode, tmsd, steps: 1, responses: BITS as usize, ..owner.config };
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let out = folder.path().join("out");
     let embedded = embed(&gpu, &owner, None);
@@ -233,6 +251,9 @@ fn a_delivery_changes_colours_only_verifies_and_can_be_undone() {
     assert_only_colour_changed(&original, &bytes(&marked.join(PLY)));
 
     assert_eq!(files(&private), [EXTRACTOR, RECEIPT, UNDO].map(PathBuf::from), "the private files");
+    let written = ExtractorWeights::read(&private.join(EXTRACTOR), &owner.key).expect("the extractor reads");
+    assert_eq!(written, embedded.extractor, "it is the one that was trained with");
+    assert_eq!((written.mode, written.tmsd.is_none()), (mode, mode == ExtractorMode::None), "R of the mode");
     let path = private.join(RECEIPT);
     let mut receipt = Receipt::read(&path).expect("the receipt reads");
     receipt.verify_commitment(&path).expect("the commitment holds");
@@ -250,13 +271,13 @@ fn a_delivery_changes_colours_only_verifies_and_can_be_undone() {
     verify(&gpu, &owner, &out);
 }
 
-/// Reads the mark from frames and from video.
+/// Reads the mark from frames and, of one mode, from video.
 fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
     let receipt = out.join(PRIVATE).join(RECEIPT);
     let message = owner.message;
     let case = Case { device: gpu, clip: &owner.clip, key: &owner.key, message, receipt: &receipt };
     let mut suspects = vec![out.join("preview")];
-    if crate::support::has_ffmpeg() {
+    if owner.config.mode == ExtractorMode::Blind && crate::support::has_ffmpeg() {
         let model = Model::open(&out.join(MARKED)).expect("the marked model opens");
         let frames: Vec<Frame> = clean_clips(gpu, &model, &cameras()).expect("renders").concat();
         suspects.push(out.join("marked.mp4"));
@@ -266,10 +287,17 @@ fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
         let exhibits = Exhibits { suspects: vec![path.clone()], ..Exhibits::default() };
         let report = case.verify(&exhibits, &ReadOptions::default()).expect("verifies");
         assert_eq!(report.frames, 2, "frames of {}", path.display());
-        let PStatement::Exact { matches, soft_score } = report.evidence.p_value else {
-            panic!("a blind extractor has an exact p-value");
+        let exact = match report.evidence.p_value {
+            PStatement::Exact { matches, soft_score } => {
+                assert!((0.0..=1.0).contains(&matches) && (0.0..=1.0).contains(&soft_score), "{matches}, {soft_score}");
+                true
+            }
+            PStatement::Empirical { bound, .. } => {
+                assert!((0.0..=1.0).contains(&bound), "{bound}");
+                false
+            }
         };
-        assert!((0.0..=1.0).contains(&matches) && (0.0..=1.0).contains(&soft_score), "{matches}, {soft_score}");
+        assert_eq!(exact, owner.config.mode != ExtractorMode::Joint, "joint alone has no exact p-value");
     }
     let other = Case { message: message.inverted(), ..case };
     let refused = other.verify(&Exhibits::default(), &ReadOptions::default()).expect_err("another message");

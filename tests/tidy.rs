@@ -89,22 +89,35 @@ fn op_of(stem: &str) -> Option<&str> {
     stem.rsplit_once('_').map(|(op, _verb)| op)
 }
 
-/// What is missing around the kernel `glsl/<family>/<stem>.comp`.
-fn mirror_gaps(
-    family: &str,
-    stem: &str,
-    exists: impl Fn(&str) -> bool,
-    test_text: impl Fn(&str) -> String,
-) -> Vec<String> {
+/// Whether a wrapper or a shader writes a gradient: it has a function `backward*`, or a buffer named `v_*`, which by
+/// the house's names is dL/d*, that is not read only. So no backward kernel escapes by its verb.
+fn writes_a_gradient(source: &str) -> bool {
+    let named = |line: &str, mark: &str| {
+        line.match_indices("v_").any(|(at, _)| {
+            let starts = !line[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_');
+            starts && line[at..].contains(mark)
+        })
+    };
+    source.lines().map(code).any(|line| {
+        let in_rust = line.contains("fn backward") || named(line, "mut Buffer<");
+        let in_glsl = line.contains(" buffer ") && !line.contains("readonly") && named(line, "[]");
+        in_rust || in_glsl
+    })
+}
+
+/// What is missing around the kernel `glsl/<family>/<stem>.comp`; `read` is `None` for a file that is not there.
+fn mirror_gaps(family: &str, stem: &str, read: impl Fn(&str) -> Option<String>) -> Vec<String> {
     let kernel = format!("glsl/{family}/{stem}.comp");
     let Some(op) = op_of(stem) else {
         return vec![format!("{kernel}: the name has no _verb")];
     };
-    let test = format!("tests/kernels/{family}/{op}.rs");
-    let wanted =
-        [format!("kernels/src/{family}/{op}.rs"), format!("kernels/src/reference/{family}/{op}.rs"), test.clone()];
-    let mut gaps: Vec<_> = wanted.iter().filter(|w| !exists(w)).map(|w| format!("{kernel}: {w} is missing")).collect();
-    if stem.ends_with("_bwd") && exists(&test) && !test_text(&test).contains("gradcheck") {
+    let [wrapper, twin, test] =
+        ["kernels/src", "kernels/src/reference", "tests/kernels"].map(|tree| format!("{tree}/{family}/{op}.rs"));
+    let missing = [&wrapper, &twin, &test].into_iter().filter(|file| read(file).is_none());
+    let mut gaps: Vec<_> = missing.map(|file| format!("{kernel}: {file} is missing")).collect();
+    let differentiates = [&kernel, &wrapper].into_iter().filter_map(|file| read(file)).any(|t| writes_a_gradient(&t));
+    let checked = |text: String| text.lines().any(|line| code(line).contains("gradcheck("));
+    if differentiates && read(&test).is_some_and(|text| !checked(text)) {
         gaps.push(format!("{kernel}: {test} never calls gradcheck"));
     }
     gaps
@@ -120,22 +133,81 @@ fn every_kernel_has_a_wrapper_a_twin_and_a_test() {
             gaps.push(format!("{shown}: kernels live in glsl/<family>/"));
             continue;
         };
-        let exists = |p: &str| root().join(p).is_file();
-        gaps.extend(mirror_gaps(family, stem, exists, |p| text(&root().join(p))));
+        gaps.extend(mirror_gaps(family, stem, |p| fs::read_to_string(root().join(p)).ok()));
     }
     assert_none("the mirror rule", &gaps);
 }
 
 #[test]
+fn gradients_are_seen_whatever_the_verb() {
+    for source in [
+        "pub fn backward_input(rec: &mut Recorder) {}",
+        "    v_pixels: &mut Buffer<f32>,",
+        "        v_kv: &'a mut Buffer<f32>,",
+        "    (v_x, accumulate): (&mut Buffer<f32>, Accumulate),",
+        "layout(set = 0, binding = 1) writeonly buffer VPixels { vec4 v_pixels[]; };",
+        "layout(set = 0, binding = 5) buffer VSlots { vec4 v_slots[]; };",
+    ] {
+        assert!(writes_a_gradient(source), "{source}");
+    }
+    for source in [
+        "    v_param: &Buffer<f32>,",
+        "    conv_out: &mut Buffer<f32>,",
+        "// fn backward",
+        "layout(set = 0, binding = 1) readonly buffer VParam { float v_param[]; };",
+        "layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer v_y;",
+    ] {
+        assert!(!writes_a_gradient(source), "{source}");
+    }
+}
+
+#[test]
 fn mirror_rule_names_each_gap() {
-    let nothing = mirror_gaps("optim", "adam_step", |_| false, |_| String::new());
+    let nothing = mirror_gaps("optim", "adam_step", |_| None);
     assert_eq!(nothing.len(), 3, "wrapper, twin and test are all missing: {nothing:?}");
-    let unchecked = mirror_gaps("nn", "gelu_bwd", |_| true, |_| "fn empty() {}".into());
-    assert_eq!(unchecked.len(), 1, "only the gradient check is missing: {unchecked:?}");
-    let complete = mirror_gaps("nn", "gelu_bwd", |_| true, |_| "gradcheck(..)".into());
+    let with = |in_test: &'static str, in_wrapper: &'static str, in_kernel: &'static str| {
+        mirror_gaps("nn", "patch_fold", |file| {
+            let found = if file.starts_with("tests/") {
+                in_test
+            } else if file.starts_with("glsl/") {
+                in_kernel
+            } else {
+                in_wrapper
+            };
+            Some(found.to_owned())
+        })
+    };
+    let (gradient, slot) = ("v_x: &mut Buffer<f32>,", "writeonly buffer VX { vec4 v_x[]; };");
+    for text in ["fn empty() {}", "use support::gradcheck::gradcheck;", "// gradcheck(..)"] {
+        let unchecked = [with(text, gradient, ""), with(text, "", slot), with(text, "", "")];
+        let counts = unchecked.each_ref().map(Vec::len);
+        assert_eq!(counts, [1, 1, 0], "only a gradient asks for its check: {unchecked:?}");
+    }
+    let complete = with("let error = gradcheck(f, &x, &grad);", gradient, slot);
     assert!(complete.is_empty(), "nothing is missing: {complete:?}");
-    let verbless = mirror_gaps("nn", "gelu", |_| true, |_| String::new());
+    let verbless = mirror_gaps("nn", "gelu", |_| Some(String::new()));
     assert_eq!(verbless.len(), 1, "a kernel name needs a verb: {verbless:?}");
+}
+
+/// What is missing when no code of its family's benchmark names the operation of a kernel.
+fn bench_gap(family: &str, stem: &str, bench: &str) -> Option<String> {
+    let op = op_of(stem)?;
+    let named = bench.lines().any(|line| has_word(code(line), op));
+    (!named).then(|| format!("glsl/{family}/{stem}.comp: benches/{family}.rs does not name `{op}`"))
+}
+
+/// A quick look at what `./x bench` finds out by running: it fails when no row runs a kernel.
+#[test]
+fn every_operation_has_a_benchmark() {
+    assert!(bench_gap("nn", "axpy_fwd", "// axpy\nuse guard4d_kernels::nn::saxpy;").is_some(), "a gap is seen");
+    assert!(bench_gap("nn", "axpy_fwd", "axpy::forward(rec)").is_none(), "a call is accepted");
+    let mut gaps = Vec::new();
+    for path in files("glsl", &["comp"]) {
+        let shown = name(&path);
+        let [_, family, stem] = shown.trim_end_matches(".comp").split('/').collect::<Vec<_>>()[..] else { continue };
+        gaps.extend(bench_gap(family, stem, &text(&root().join(format!("benches/{family}.rs")))));
+    }
+    assert_none("every operation has a benchmark", &gaps);
 }
 
 #[test]

@@ -47,7 +47,8 @@ pub(crate) fn svg(ledger: &Ledger) -> String {
     let mut body = grid(&axes);
     let mut curves: Vec<(String, Vec<&Group<'_>>)> = Vec::new();
     for group in &groups {
-        let name = format!("{} {}, {} bits", group.cell("model"), group.cell("mode"), group.cell("bits"));
+        let rescaled = if group.is_own() { "" } else { ", rescaled" };
+        let name = format!("{} {}, {} bits{rescaled}", group.cell("model"), group.cell("mode"), group.cell("bits"));
         match curves.iter_mut().find(|(n, _)| *n == name) {
             Some((_, points)) => points.push(group),
             None => curves.push((name, vec![group])),

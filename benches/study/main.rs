@@ -34,9 +34,12 @@ pub(crate) struct Args {
     /// Extractor modes
     #[arg(long, value_delimiter = ',', default_value = "none,blind,joint")]
     modes: Vec<Mode>,
-    /// Whole-frame fidelities to measure the mark at, in dB, besides its own: its strength is chosen on training views
+    /// Whole-frame fidelities to embed at, in dB
     #[arg(long, value_delimiter = ',', default_value = "30,34,38,42")]
     psnr: Vec<f32>,
+    /// Measure each mark also made stronger or weaker until training views are at these fidelities, in dB
+    #[arg(long, value_delimiter = ',')]
+    rescale: Vec<f32>,
     /// Seeds; each has a key, a message, views and times of its own
     #[arg(long, value_delimiter = ',', default_value = "0,1,2", value_parser = clap::value_parser!(u8).range(..=254))]
     seeds: Vec<u8>,
@@ -113,15 +116,17 @@ fn main() -> Result<(), EngineError> {
     for &seed in &args.seeds {
         for model in 0..args.models.len() {
             for mode in &args.modes {
-                let case = Case { model, mode: mode.extractor(), seed };
-                if study.is_measured(&ledger, &args, case) {
-                    eprintln!("{}: is there", study.name(&args, case));
-                    continue;
+                for &target_psnr in &args.psnr {
+                    let case = Case { model, mode: mode.extractor(), target_psnr, seed };
+                    if study.is_measured(&ledger, &args, case) {
+                        eprintln!("{}: is there", study.name(&args, case));
+                        continue;
+                    }
+                    for measured in study.measure(&args, case)? {
+                        ledger.append(measured.row())?;
+                    }
+                    summarise(&ledger, &folder)?;
                 }
-                for measured in study.measure(&args, case)? {
-                    ledger.append(measured.row())?;
-                }
-                summarise(&ledger, &folder)?;
             }
         }
     }

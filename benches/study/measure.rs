@@ -32,46 +32,47 @@ const SHORT_HASH: usize = 12;
 /// Steps between two lines of progress.
 const PROGRESS: usize = 100;
 
-/// What is embedded where.
+/// What is embedded where, and how faithfully.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Case {
     /// Index among the models.
     pub(crate) model: usize,
     pub(crate) mode: ExtractorMode,
+    pub(crate) target_psnr: f32,
     pub(crate) seed: u8,
 }
 
-/// How visible the mark is that a row measures.
+/// The strength at which a row measures a mark.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Fidelity {
+pub(crate) enum Strength {
     /// As the embedding leaves it.
     Own,
     /// Made stronger or weaker until training views are at this PSNR, in dB.
-    Target(f32),
+    RescaledTo(f32),
 }
 
-impl Fidelity {
+impl Strength {
     /// Factor on the offsets.
-    fn strength(self, embedded: &Embedded) -> f32 {
+    fn factor(self, embedded: &Embedded) -> f32 {
         match self {
             Self::Own => 1.0,
-            Self::Target(psnr) => embedded.strength_for(psnr),
+            Self::RescaledTo(psnr) => embedded.strength_for(psnr),
         }
     }
 }
 
-impl fmt::Display for Fidelity {
+impl fmt::Display for Strength {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Own => f.write_str("own"),
-            Self::Target(psnr) => write!(f, "{psnr}"),
+            Self::Own => Ok(()),
+            Self::RescaledTo(psnr) => write!(f, "{psnr}"),
         }
     }
 }
 
 /// All that a case is measured at.
-fn fidelities(args: &Args) -> impl Iterator<Item = Fidelity> {
-    std::iter::once(Fidelity::Own).chain(args.psnr.iter().copied().map(Fidelity::Target))
+fn strengths(args: &Args) -> impl Iterator<Item = Strength> {
+    std::iter::once(Strength::Own).chain(args.rescale.iter().copied().map(Strength::RescaledTo))
 }
 
 /// A model with its unseen views.
@@ -118,22 +119,23 @@ impl Study {
     /// A case in words.
     pub(crate) fn name(&self, args: &Args, case: Case) -> String {
         let mode = format!("{:?}", case.mode).to_lowercase();
-        format!("{} {mode}, {} bits, seed {}", self.scenes[case.model].name, args.bits, case.seed)
+        let Case { target_psnr, seed, .. } = case;
+        format!("{} {mode} {target_psnr} dB, {} bits, seed {seed}", self.scenes[case.model].name, args.bits)
     }
 
-    /// Whether the ledger has this case at every fidelity, with a message swap if one is asked for.
+    /// Whether the ledger has this case at every strength, with a message swap if one is asked for.
     pub(crate) fn is_measured(&self, ledger: &Ledger, args: &Args, case: Case) -> bool {
         let settings = settings(&config(args, case));
-        fidelities(args).all(|fidelity| {
+        strengths(args).all(|strength| {
             let scene = [self.origin.clip.clone(), self.scenes[case.model].name.clone()];
-            let numbers = [args.bits.to_string(), case.seed.to_string(), settings.clone(), fidelity.to_string()];
+            let numbers = [args.bits.to_string(), case.seed.to_string(), settings.clone(), strength.to_string()];
             let wanted: Vec<_> = IDENTITY.into_iter().zip(scene.into_iter().chain(numbers)).collect();
-            let swapped = |row| fidelity != Fidelity::Own || !ledger.cell(row, "swap_second").is_empty();
+            let swapped = |row| strength != Strength::Own || !ledger.cell(row, "swap_second").is_empty();
             ledger.find(&wanted).is_some_and(|row| !args.swap || swapped(row))
         })
     }
 
-    /// Embeds once, and reads at every fidelity.
+    /// Embeds once, and reads at every strength.
     pub(crate) fn measure(&self, args: &Args, case: Case) -> Result<Vec<Measured>, EngineError> {
         let load = host::load();
         let name = self.name(args, case);
@@ -152,21 +154,21 @@ impl Study {
         let mut second_copy = args.swap.then_some(()).map(swap).transpose()?;
         let witnesses = (self.others(case.model), stranger, (case.mode == ExtractorMode::Joint).then_some(fitted));
         let mut rows = Vec::new();
-        for fidelity in fidelities(args) {
-            let strength = fidelity.strength(&embedded);
-            let (evaluation, examination) = self.read(&subject, scene, (&embedded, strength), &witnesses)?;
+        for strength in strengths(args) {
+            let factor = strength.factor(&embedded);
+            let (evaluation, examination) = self.read(&subject, scene, (&embedded, factor), &witnesses)?;
             let (marked, psnr) = (100.0 * evaluation.marked, evaluation.psnr.mean_of_views_db.0);
-            eprintln!("{name}, {fidelity}: {marked:.1} % at {psnr:.2} dB, clean {:.1} %", 100.0 * evaluation.clean);
+            eprintln!("{name}, x{factor:.2}: {marked:.1} % at {psnr:.2} dB, clean {:.1} %", 100.0 * evaluation.clean);
             rows.push(Measured {
                 origin: self.origin.clone(),
                 model: scene.name.clone(),
                 settings: settings(&config),
                 config: config.clone(),
-                fidelity: fidelity.to_string(),
-                strength,
+                rescaled_to: strength.to_string(),
+                strength: factor,
                 evaluation,
                 examination,
-                second_copy: if fidelity == Fidelity::Own { second_copy.take() } else { None },
+                second_copy: if strength == Strength::Own { second_copy.take() } else { None },
                 steps: embedded.steps,
                 parts: embedded.part_seconds(),
                 seconds: embedded.seconds.clone(),
@@ -249,7 +251,7 @@ fn stranger(args: &Args, seed: u8) -> u8 {
 }
 
 fn config(args: &Args, case: Case) -> EmbedConfig {
-    let profile = EmbedConfig::new(args.profile.profile(), case.mode);
+    let profile = EmbedConfig::new(args.profile.profile(), case.mode).with_target(case.target_psnr);
     EmbedConfig {
         steps: args.steps.unwrap_or(profile.steps),
         size_px: (args.size, args.size),

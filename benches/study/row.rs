@@ -12,7 +12,7 @@ use guard4d_engine::watermark::null_panel::{ControlState, Leak};
 use crate::ledger::Row;
 
 /// Columns that tell one measurement from another; `settings` stands for all numbers of the embedding but the seed.
-pub(crate) const IDENTITY: [&str; 6] = ["clip", "model", "bits", "seed", "settings", "target_db"];
+pub(crate) const IDENTITY: [&str; 6] = ["clip", "model", "bits", "seed", "settings", "rescaled_db"];
 
 /// Source and machine of a run.
 #[derive(Clone, Debug)]
@@ -38,8 +38,8 @@ pub(crate) struct Measured {
     pub(crate) model: String,
     pub(crate) config: EmbedConfig,
     pub(crate) settings: String,
-    /// `own`, or the PSNR in dB that the mark's strength was chosen for.
-    pub(crate) fidelity: String,
+    /// The PSNR in dB that the mark's strength was chosen for; empty for its own.
+    pub(crate) rescaled_to: String,
     /// Factor on the offsets.
     pub(crate) strength: f32,
     pub(crate) evaluation: Evaluation,
@@ -74,7 +74,8 @@ fn table() -> Vec<(String, Fill)> {
     add("size_px", |m| format!("{}x{}", m.config.size_px.0, m.config.size_px.1));
     add("steps", |m| m.steps.to_string());
     add("seed", |m| m.config.seed.to_string());
-    add("target_db", |m| m.fidelity.clone());
+    add("target_db", |m| m.config.target_psnr.to_string());
+    add("rescaled_db", |m| m.rescaled_to.clone());
     add("strength", |m| format!("{:.4}", m.strength));
     add("settings", |m| m.settings.clone());
     add("psnr_db", |m| decibels(m.evaluation.psnr.mean_of_views_db.0));

@@ -1,5 +1,6 @@
 //! The tables that people read, made from the rows.
 
+use std::cmp::Ordering;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
@@ -18,7 +19,7 @@ impl<'a> Group<'a> {
     /// The newest row of each case, by model, mode, settings and fidelity.
     pub(crate) fn all(ledger: &'a Ledger) -> Vec<Self> {
         let key =
-            |row: &Row| ["clip", "model", "bits", "settings", "target_db"].map(|c| ledger.cell(row, c).to_owned());
+            |row: &Row| ["clip", "model", "bits", "settings", "rescaled_db"].map(|c| ledger.cell(row, c).to_owned());
         let mut groups: Vec<Self> = Vec::new();
         for row in ledger.newest(&IDENTITY) {
             match groups.iter_mut().find(|g| key(g.rows[0]) == key(row)) {
@@ -28,8 +29,8 @@ impl<'a> Group<'a> {
         }
         groups.sort_by(|a, b| {
             let words = |g: &Self| ["model", "mode", "bits", "steps"].map(|c| g.cell(c).to_owned());
-            let target = |g: &Self| g.ledger.number(g.rows[0], "target_db").unwrap_or(f64::NAN);
-            words(a).cmp(&words(b)).then(target(a).total_cmp(&target(b)))
+            let numbers = |g: &Self| ["target_db", "rescaled_db"].map(|c| g.ledger.number(g.rows[0], c).unwrap_or(0.0));
+            words(a).cmp(&words(b)).then(numbers(a).partial_cmp(&numbers(b)).unwrap_or(Ordering::Equal))
         });
         groups
     }
@@ -87,9 +88,15 @@ impl<'a> Group<'a> {
         format!("{present} of {}", self.rows.len())
     }
 
+    /// Whether the mark is as the embedding left it.
+    pub(crate) fn is_own(&self) -> bool {
+        self.cell("rescaled_db").is_empty()
+    }
+
     /// Model, mode and target.
     fn head(&self) -> String {
-        format!("{} | {} | {}", self.cell("model"), self.cell("mode"), self.cell("target_db"))
+        let rescaled = if self.is_own() { String::new() } else { format!(" ×{}", self.decimals("strength", 2)) };
+        format!("{} | {} | {}{rescaled}", self.cell("model"), self.cell("mode"), self.cell("target_db"))
     }
 }
 
@@ -97,8 +104,8 @@ const NOTES: &str = "\
 All figures come from 8-bit frames of the cameras in each model's `transforms_test.json`, which training never saw. \
 A clip's bits come from its mean logits, before any threshold. Means over seeds; seeds differ in key, message, views \
 and times. All shares are percentages.\n\n\
-- **target**: `own` is the mark as the embedding leaves it; otherwise the same mark made `strength` times as strong, \
-which by training views gives so many dB. R of `joint` was trained at the mark's own strength.\n\
+- **target**: the fidelity that was asked of the embedding. ×k: the same mark made k times as strong afterwards, \
+which its extractor was not fitted to.\n\
 - **PSNR, SSIM**: marked 8-bit frames against clean float renders, mean over frames; \"object\" counts pixels with less \
 than half of the light from behind.\n\
 - **marked** (range over seeds), **frames**: the message's bits in marked clips, and frame by frame.\n\
@@ -144,15 +151,14 @@ pub(crate) fn markdown(ledger: &Ledger) -> String {
     table(&mut out, "Accuracy", &groups, &ACCURACY);
     table(&mut out, "Where the message lives", &groups, &ORIGIN);
     out.push_str("## Cost\n\nWall-clock seconds; then the shares of a step's device time, in percent.\n\n");
-    let own: Vec<_> = groups.into_iter().filter(|g| g.cell("target_db") == "own").collect();
+    let own: Vec<_> = groups.into_iter().filter(Group::is_own).collect();
     cost(&mut out, &own);
     out
 }
 
 type Column = (&'static str, fn(&Group<'_>) -> String);
 
-const ACCURACY: [Column; 10] = [
-    ("strength", |g| g.decimals("strength", 2)),
+const ACCURACY: [Column; 9] = [
     ("PSNR", |g| g.decimals("psnr_db", 2)),
     ("object", |g| g.decimals("object_psnr_db", 2)),
     ("SSIM", |g| g.decimals("ssim", 4)),

@@ -4,12 +4,13 @@
 
 use std::path::Path;
 
-use guard4d_kernels::image::resize::ImageSize as PixelSize;
+use guard4d_kernels::image::resize::{self, ImageSize as PixelSize, ResizePlan};
 use guard4d_kernels::loss::Term;
 use guard4d_kernels::loss::ssim::{self, SsimPair, SsimReference, SsimScratch};
 use guard4d_kernels::nn::conv3d::{
     self, Activation, Bias, Conv3d, Conv3dScratch, InputGradient, Padding, WeightGradient,
 };
+use guard4d_kernels::optim::adam::{self, AdamConfig, AdamState};
 use guard4d_kernels::shape::{Accumulate, ClipShape};
 use guard4d_kernels::{Buffer, Device};
 
@@ -248,12 +249,8 @@ pub fn conv3d(device: &Device, input: &TensorFile, border: Border) -> Result<Ten
     let (weight_shape, weight) = floats::<5>(input, "weight", "f32 [Co,Ci,3,3,3]")?;
     let co = weight_shape[0];
     input.floats("weight", &[co, ci, 3, 3, 3])?;
-    let optional = |name: &str, shape: &[usize]| match input.tensors.contains_key(name) {
-        true => input.floats(name, shape).map(Some),
-        false => Ok(None),
-    };
-    let bias = optional("bias", &[co])?;
-    let v_y = optional("v_y", &[frames, height, width, co])?;
+    let bias = optional(input, "bias", &[co])?;
+    let v_y = optional(input, "v_y", &[frames, height, width, co])?;
     let (time, space) = match border {
         Border::Zero => (Padding::Zero, Padding::Zero),
         Border::Clip => (Padding::Replicate, Padding::Reflect),
@@ -316,12 +313,9 @@ fn conv3d_gradients(
 /// # Errors
 /// [`EngineError::BadData`] naming the tensor that does not fit; when the device fails.
 pub fn ssim(device: &Device, input: &TensorFile) -> Result<TensorFile, EngineError> {
-    let (shape, x) = floats::<4>(input, "x", "f32 [F,H,W,3 or 4]")?;
+    let (shape, x) = pixels(input)?;
     let y = input.floats("y", &shape)?;
     let [frames, height, width, channels] = shape;
-    if !(RGB..=TEXEL).contains(&channels) || x.is_empty() {
-        return Err(bad_data(&input.path, "x", format!("{shape:?}"), "[F,H,W,3 or 4], not empty"));
-    }
     let size = PixelSize { height, width };
     let mut scratch = SsimScratch::new(device, size, frames)?;
     let mut moments = SsimReference::new(device, size, frames)?;
@@ -339,6 +333,78 @@ pub fn ssim(device: &Device, input: &TensorFile) -> Result<TensorFile, EngineErr
     let mut out = TensorFile::default();
     put(&mut out, "value", &[1], values.read()?.iter().map(|v| 1.0 - v).collect());
     put(&mut out, "v_x", &shape, columns(&v_clip.read()?, TEXEL, 0..channels));
+    Ok(out)
+}
+
+/// A clip in another size (bilinear, antialiased, corners aligned), and with `v_y` the gradient to it.
+///
+/// # Shapes
+/// in `x` \[F,H,W,C\], C = 3 or 4, the fourth channel unread · optional `v_y` \[F,h,w,C\] · `to` \[h,w\] ·
+/// out `y` \[F,h,w,C\] · `v_x` like `x`; a fourth channel is zero
+///
+/// # Errors
+/// [`EngineError::BadData`] naming the tensor that does not fit; [`EngineError::Usage`] for an empty size; when the
+/// device fails.
+pub fn resize(device: &Device, input: &TensorFile, to: [usize; 2]) -> Result<TensorFile, EngineError> {
+    let (shape, x) = pixels(input)?;
+    let [frames, height, width, channels] = shape;
+    let [to_height, to_width] = to;
+    if to.contains(&0) {
+        let (got, expected) = (format!("{to_width}x{to_height}"), "at least 1x1".to_owned());
+        return Err(EngineError::Usage { what: "size".to_owned(), got, expected });
+    }
+    let small = [frames, to_height, to_width, channels];
+    let v_y = optional(input, "v_y", &small)?;
+    let (from, to) = (PixelSize { height, width }, PixelSize { height: to_height, width: to_width });
+    let plan = ResizePlan::new(device, from, to)?;
+    let mut scratch = plan.scratch(device, frames)?;
+    let x = device.buffer_from("dump.x", &widen(x, channels, TEXEL))?;
+    let mut y = device.buffer("dump.y", frames * to_height * to_width * TEXEL)?;
+    let mut rec = device.recorder()?;
+    resize::forward(&mut rec, &plan, &x, &mut y, &mut scratch)?;
+    rec.submit()?;
+    let mut out = TensorFile::default();
+    put(&mut out, "y", &small, columns(&y.read()?, TEXEL, 0..channels));
+    if let Some(v_y) = v_y {
+        let v_y = device.buffer_from("dump.v_y", &widen(v_y, channels, TEXEL))?;
+        let mut v_x = device.buffer("dump.v_x", x.len())?;
+        let mut rec = device.recorder()?;
+        resize::backward(&mut rec, &plan, &v_y, (&mut v_x, Accumulate::Overwrite), &mut scratch)?;
+        rec.submit()?;
+        put(&mut out, "v_x", &shape, columns(&v_x.read()?, TEXEL, 0..channels));
+    }
+    Ok(out)
+}
+
+/// Adam steps on given gradients.
+///
+/// # Shapes
+/// in `param` \[n\] · `grads` \[steps,n\] · `hyper` \[4\]: learning rate, both decays and epsilon ·
+/// out `history` \[steps,n\], the parameters after each step · `exp_avg` and `exp_avg_sq` \[n\], the last moments
+///
+/// # Errors
+/// [`EngineError::BadData`] naming the tensor that does not fit; when the device fails.
+pub fn adam(device: &Device, input: &TensorFile) -> Result<TensorFile, EngineError> {
+    let ([n], param) = floats::<1>(input, "param", "f32 [n]")?;
+    let ([steps, _], _) = floats::<2>(input, "grads", "f32 [steps,n]")?;
+    let grads = input.floats("grads", &[steps, n])?;
+    let hyper = <[f32; 4]>::try_from(input.floats("hyper", &[4])?);
+    let [lr, beta1, beta2, eps] = hyper.expect("the shape was checked a moment ago");
+    let config = AdamConfig { lr, beta1, beta2, eps, ..AdamConfig::default() };
+    let mut param = device.buffer_from("dump.param", param)?;
+    let mut state = AdamState::new(device, "dump.param", n)?;
+    let mut history = Vec::with_capacity(grads.len());
+    for grad in grads.chunks(n.max(1)) {
+        let v_param = device.buffer_from("dump.v_param", grad)?;
+        let mut rec = device.recorder()?;
+        adam::step(&mut rec, &mut param, &v_param, &mut state, &config)?;
+        rec.submit()?;
+        history.extend(param.read()?);
+    }
+    let mut out = TensorFile::default();
+    put(&mut out, "history", &[steps, n], history);
+    put(&mut out, "exp_avg", &[n], state.exp_avg.read()?);
+    put(&mut out, "exp_avg_sq", &[n], state.exp_avg_sq.read()?);
     Ok(out)
 }
 
@@ -363,6 +429,21 @@ fn floats<'a, const D: usize>(
     let shape = <[usize; D]>::try_from(&tensor.shape[..]);
     let shape = shape.map_err(|_| bad_data(&file.path, name, format!("{:?}", tensor.shape), expected))?;
     Ok((shape, file.floats(name, &shape)?))
+}
+
+/// The clip `x`, whose pixels may have a fourth channel.
+fn pixels(file: &TensorFile) -> Result<([usize; 4], &[f32]), EngineError> {
+    let expected = "f32 [F,H,W,3 or 4], not empty";
+    let (shape, values) = floats::<4>(file, "x", expected)?;
+    if !(RGB..=TEXEL).contains(&shape[3]) || values.is_empty() {
+        return Err(bad_data(&file.path, "x", format!("{shape:?}"), expected));
+    }
+    Ok((shape, values))
+}
+
+/// The floats of a tensor that may be left away.
+fn optional<'a>(file: &'a TensorFile, name: &str, shape: &[usize]) -> Result<Option<&'a [f32]>, EngineError> {
+    file.tensors.contains_key(name).then(|| file.floats(name, shape)).transpose()
 }
 
 /// Some columns of rows of `stride` values.

@@ -282,4 +282,76 @@ mod tests {
         assert!(file.floats("b", &[2]).is_err(), "missing");
         assert!(TensorFile::from_bytes(Path::new("x"), b"not one").is_err(), "bytes");
     }
+
+    /// What tells -0 from 0.
+    fn bits(values: &[f32]) -> Vec<u32> {
+        values.iter().map(|v| v.to_bits()).collect()
+    }
+
+    /// A file with one tensor of raw `words`.
+    fn halves(dtype: Dtype, words: &[u16]) -> TensorFile {
+        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        let view = Bytes(dtype, &[words.len()], &bytes);
+        let file = safetensors::serialize([("a", view)], None).expect("serialises");
+        TensorFile::from_bytes(Path::new("x"), &file).expect("reads")
+    }
+
+    #[test]
+    fn half_precision_becomes_f32_exactly() {
+        let smallest = 2.0_f32.powi(-24);
+        for (word, want) in [
+            (0x0000, 0.0),
+            (0x8000, -0.0),
+            (0x0001, smallest),
+            (0x83ff, -1023.0 * smallest), // the largest subnormal
+            (0x0400, 1024.0 * smallest),  // the smallest normal
+            (0x3555, 1365.0 / 4096.0),    // nearest to a third
+            (0xbc00, -1.0),
+            (0x3c01, 1.0 + 1.0 / 1024.0),
+            (0x7bff, 65504.0),
+            (0x7c00, f32::INFINITY),
+            (0xfc00, f32::NEG_INFINITY),
+        ] {
+            let file = halves(Dtype::F16, &[0x3c00, word, 0x3c00]);
+            let got = file.floats("a", &[3]).expect("floats");
+            assert_eq!(bits(got), bits(&[1.0, want, 1.0]), "{word:#06x}");
+        }
+        assert!(halves(Dtype::F16, &[0x7e00]).floats("a", &[1]).expect("floats")[0].is_nan(), "a quiet NaN");
+        assert!(halves(Dtype::F16, &[0xfc01]).floats("a", &[1]).expect("floats")[0].is_nan(), "a signalling NaN");
+    }
+
+    #[test]
+    fn bfloat16_becomes_the_upper_half_of_an_f32() {
+        // Zeros, subnormals, the least and the largest normal number, ones, 3.140625, and infinities.
+        for word in [0x0000, 0x8000, 0x0001, 0x807f, 0x0080, 0x7f7f, 0x3f80, 0xbf80, 0x4049, 0x7f80, 0xff80_u16] {
+            let file = halves(Dtype::BF16, &[word, 0x3f80]);
+            let got = file.floats("a", &[2]).expect("floats");
+            assert_eq!(bits(got), [u32::from(word) << 16, 1.0_f32.to_bits()], "{word:#06x}");
+        }
+        assert_eq!(halves(Dtype::BF16, &[0x4049]).floats("a", &[1]).expect("floats"), [3.140_625], "a value");
+        assert!(halves(Dtype::BF16, &[0x7fc0]).floats("a", &[1]).expect("floats")[0].is_nan(), "a quiet NaN");
+        assert!(halves(Dtype::BF16, &[0xff81]).floats("a", &[1]).expect("floats")[0].is_nan(), "a signalling NaN");
+    }
+
+    #[test]
+    fn weights_in_half_precision_must_be_finite() {
+        for (dtype, one, infinite) in [(Dtype::F16, 0x3c00, 0x7c00), (Dtype::BF16, 0x3f80, 0x7f80)] {
+            let error = halves(dtype, &[one, infinite]).finite("a", &[2]).expect_err("infinite").to_string();
+            assert!(error.contains("inf at element 1"), "{error}");
+        }
+    }
+
+    #[test]
+    fn signed_integers_keep_their_sign_and_doubles_are_refused() {
+        let read = |dtype: Dtype, bytes: &[u8]| {
+            let file = safetensors::serialize([("a", Bytes(dtype, &[1], bytes))], None).expect("serialises");
+            TensorFile::from_bytes(Path::new("x"), &file)
+        };
+        let file = read(Dtype::I32, &(-7_i32).to_le_bytes()).expect("reads");
+        assert_eq!(file.get("a").expect("there").values, Values::I64(vec![-7]), "I32");
+        let file = read(Dtype::I64, &i64::MIN.to_le_bytes()).expect("reads");
+        assert_eq!(file.get("a").expect("there").values, Values::I64(vec![i64::MIN]), "I64");
+        let error = read(Dtype::F64, &1.0_f64.to_le_bytes()).expect_err("F64").to_string();
+        assert!(error.contains("a: F64") && error.contains("BF16"), "{error}");
+    }
 }

@@ -19,6 +19,16 @@ const float MASKED = -1.0e30;
         }                                                                \
     }
 
+// The texel, or zeros behind the last row: its weight is 0, but 0 * infinity is NaN.
+vec4 texel_or_zero(bool exists, vec4 texel) {
+    return mix(vec4(0.0), texel, bvec4(exists));
+}
+
+// w * v, or 0 where the mask hides the pair: there w is 0, but v may be NaN, and 0 * NaN is NaN.
+vec4 masked_term(bool seen, float w, vec4 v) {
+    return mix(vec4(0.0), w * v, bvec4(seen));
+}
+
 float lanes_max(float x) {
     x = max(x, subgroupShuffleXor(x, 1u));
     x = max(x, subgroupShuffleXor(x, 2u));

@@ -1,14 +1,27 @@
-// Colour before the clamp: 1/2 + sum_j y_j h_j; `h` holds h_0.rgb, h_1.rgb, ... in sequence.
-vec3 sh_raw_colour(vec4 h[12], float y[16]) {
+// Bases up to `degree`.
+uint sh_bases(uint degree) {
+    return (degree + 1u) * (degree + 1u);
+}
+
+// Texels that hold their coefficients.
+uint sh_texels(uint degree) {
+    return (3u * sh_bases(degree) + 3u) / 4u;
+}
+
+// Colour before the clamp: 1/2 + sum_j y_j h_j up to `degree`; `h` holds h_0.rgb, h_1.rgb, ... in sequence.
+vec3 sh_raw_colour(vec4 h[12], float y[16], uint degree) {
     vec3 sum = vec3(0.5);
     [[unroll]] for (int j = 0; j < 16; ++j) {
         int f = 3 * j;
-        sum += y[j] * vec3(h[f / 4][f % 4], h[(f + 1) / 4][(f + 1) % 4], h[(f + 2) / 4][(f + 2) % 4]);
+        vec3 coefficient = vec3(h[f / 4][f % 4], h[(f + 1) / 4][(f + 1) % 4], h[(f + 2) / 4][(f + 2) % 4]);
+        // 0 times NaN is NaN: what lies above the degree is left out, not multiplied by zero.
+        if (j < int(sh_bases(degree))) sum += y[j] * coefficient;
     }
     return sum;
 }
 
-// Texels that hold the coefficients up to `degree`.
-uint sh_texels(uint degree) {
-    return (3u * (degree + 1u) * (degree + 1u) + 3u) / 4u;
+// `v` where the colour before the clamp lets it pass: not below zero, as in Kerbl et al. 2023. NaN passes, so that it
+// shows; max() may drop it.
+vec3 sh_unclamped(vec3 raw, vec3 v) {
+    return mix(v, vec3(0.0), lessThan(raw, vec3(0.0)));
 }

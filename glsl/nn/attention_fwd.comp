@@ -97,20 +97,22 @@ void main() {
             vec4 value[4 * SLICES];
             [[unroll]] for (int u = 0; u < 4; ++u) {
                 int v_row = v_base + min(key0 + j + u, p.keys - 1) * p.kv_stride;
+                bool exists = key0 + j + u < p.keys;
                 [[unroll]] for (int i = 0; i < SLICES; ++i) {
-                    value[u * SLICES + i] = imageLoad(kv_tex, v_row + min(lane + 8 * i, TEXELS - 1));
+                    value[u * SLICES + i] = texel_or_zero(exists, imageLoad(kv_tex, v_row + min(lane + 8 * i, TEXELS - 1)));
                 }
             }
             [[unroll]] for (int r = 0; r < TILE; ++r) {
                 [[unroll]] for (int u = 0; u < 4; ++u) {
                     float w = subgroupShuffle(weight[r], (j & 7) + u);
+                    bool seen = CAUSAL == 0u || key0 + j + u <= first_key + r;
                     [[unroll]] for (int i = 0; i < SLICES; ++i) {
-                        o[r * SLICES + i] += w * value[u * SLICES + i];
+                        o[r * SLICES + i] += masked_term(seen, w, value[u * SLICES + i]);
                     }
                 }
             }
             j += 4;
-        } while (j < TILE);
+        } while (j < min(TILE, p.keys - key0));
         key0 += TILE;
     } while (key0 < key_end);
 

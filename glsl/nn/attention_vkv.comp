@@ -90,24 +90,26 @@ void main() {
             vec4 left[4 * SLICES];
             [[unroll]] for (int u = 0; u < 4; ++u) {
                 int query = min(query0 + j + u, p.queries - 1);
+                bool exists = query0 + j + u < p.queries;
                 [[unroll]] for (int i = 0; i < SLICES; ++i) {
                     int texel = min(lane + 8 * i, TEXELS - 1);
-                    grad[u * SLICES + i] = imageLoad(v_attn_tex, g_base + query * g_stride + texel);
-                    left[u * SLICES + i] = imageLoad(q_tex, q_base + query * p.q_stride + texel);
+                    grad[u * SLICES + i] = texel_or_zero(exists, imageLoad(v_attn_tex, g_base + query * g_stride + texel));
+                    left[u * SLICES + i] = texel_or_zero(exists, imageLoad(q_tex, q_base + query * p.q_stride + texel));
                 }
             }
             [[unroll]] for (int r = 0; r < TILE; ++r) {
                 [[unroll]] for (int u = 0; u < 4; ++u) {
                     float w = subgroupShuffle(weight[r], (j & 7) + u);
                     float d = subgroupShuffle(slope[r], (j & 7) + u);
+                    bool seen = CAUSAL == 0u || query0 + j + u >= row0 + r - diagonal;
                     [[unroll]] for (int i = 0; i < SLICES; ++i) {
-                        acc_v[r * SLICES + i] += w * grad[u * SLICES + i];
-                        acc_k[r * SLICES + i] += d * left[u * SLICES + i];
+                        acc_v[r * SLICES + i] += masked_term(seen, w, grad[u * SLICES + i]);
+                        acc_k[r * SLICES + i] += masked_term(seen, d, left[u * SLICES + i]);
                     }
                 }
             }
             j += 4;
-        } while (j < TILE);
+        } while (j < min(TILE, p.queries - query0));
         query0 += TILE;
     } while (query0 < p.queries);
 

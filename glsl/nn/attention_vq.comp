@@ -89,20 +89,22 @@ void main() {
             vec4 key[4 * SLICES];
             [[unroll]] for (int u = 0; u < 4; ++u) {
                 int k_row = k_base + min(key0 + j + u, p.keys - 1) * p.kv_stride;
+                bool exists = key0 + j + u < p.keys;
                 [[unroll]] for (int i = 0; i < SLICES; ++i) {
-                    key[u * SLICES + i] = imageLoad(kv_tex, k_row + min(lane + 8 * i, TEXELS - 1));
+                    key[u * SLICES + i] = texel_or_zero(exists, imageLoad(kv_tex, k_row + min(lane + 8 * i, TEXELS - 1)));
                 }
             }
             [[unroll]] for (int r = 0; r < TILE; ++r) {
                 [[unroll]] for (int u = 0; u < 4; ++u) {
                     float w = subgroupShuffle(weight[r], (j & 7) + u);
+                    bool seen = CAUSAL == 0u || key0 + j + u <= first_key + r;
                     [[unroll]] for (int i = 0; i < SLICES; ++i) {
-                        acc[r * SLICES + i] += w * key[u * SLICES + i];
+                        acc[r * SLICES + i] += masked_term(seen, w, key[u * SLICES + i]);
                     }
                 }
             }
             j += 4;
-        } while (j < TILE);
+        } while (j < min(TILE, p.keys - key0));
         key0 += TILE;
     } while (key0 < key_end);
 

@@ -63,7 +63,7 @@ void main() {
             uint at = uint((frame * p.height + row) * p.width + column + b * 8) * WIDTH4 + first;
             [[unroll]] for (uint c = 0; c < BLOCK4; c++) {
                 vec4 v = vec4(acc[b][c * 4], acc[b][c * 4 + 1], acc[b][c * 4 + 2], acc[b][c * 4 + 3]);
-                if (GATE != 0) v = mix(vec4(0.0), v, greaterThan(imageLoad(gate, int(at + c)), vec4(0.0)));
+                if (GATE != 0) v = mix(v, vec4(0.0), lessThanEqual(imageLoad(gate, int(at + c)), vec4(0.0)));
                 v_x[at + c] = v;
             }
         }

@@ -58,7 +58,8 @@ void main() {
                 }
                 int from = reads ? (st * p.height + sy) * p.width + sx : 0;
                 [[unroll]] for (uint i = 0; i < IN_BLOCK4; i++) {
-                    vec4 a = imageLoad(x, from * int(IN4) + int(in_first + i));
+                    // Both factors become 0: the texel read instead may hold a NaN that this tap never meets.
+                    vec4 a = mix(vec4(0.0), imageLoad(x, from * int(IN4) + int(in_first + i)), bvec4(reads));
                     [[unroll]] for (uint c = 0; c < OUT_BLOCK4 * 4; c++) acc[i][c] += a * g[c / 4][c % 4];
                 }
                 column += 8;

@@ -20,7 +20,9 @@ layout(set = 0, binding = 3) buffer Features { vec4 features[]; };
 
 // Index and fraction of the lower neighbour on an axis of `size` samples, corners aligned, border outside.
 vec2 axis_position(float q, uint size) {
-    float at = clamp(0.5 * (q + 1.0) * float(size - 1u), 0.0, float(size - 1u));
+    float at = 0.5 * (q + 1.0) * float(size - 1u);
+    // clamp(NaN) is undefined in GLSL; here it reads the first sample.
+    at = at > 0.0 ? min(at, float(size - 1u)) : 0.0;
     float low = min(floor(at), float(max(size, 2u) - 2u));
     return vec2(low, at - low);
 }

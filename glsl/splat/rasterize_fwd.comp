@@ -3,6 +3,7 @@
 //   in   geom [V,8] = mean2d.xy, conic.ab | conic.c, opacity, depth, -   colours [V,4]   tile_offsets [tiles+1]   tile_order [tiles] active ones first
 //        splat_from_isect [I, padded by 8] front to back inside a tile
 //   out  image [..,H,W,4] = rgb over the background, final transmittance (=), from pixel `out_offset` on
+//   a splat meets all pixels of its tiles, with weight 0 where it is skipped: a colour that is not finite makes those NaN
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #extension GL_KHR_shader_subgroup_shuffle : require
@@ -41,7 +42,7 @@ void main() {
         splat = valid ? splat : 0u;
         vec4 shape = imageLoad(geom, int(2u * splat));
         vec4 rest = imageLoad(geom, int(2u * splat + 1u));
-        vec4 colour = imageLoad(colours, int(splat));
+        vec4 colour = mix(vec4(0.0), imageLoad(colours, int(splat)), bvec4(valid));
         float opacity = valid ? rest.y : 0.0;
         [[unroll]] for (int j = 0; j < 8; ++j) {
             float dx = subgroupShuffle(shape.x, j) - px;

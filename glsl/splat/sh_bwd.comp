@@ -35,15 +35,13 @@ void main() {
         if (OFFSET_TEXELS == 12u && q < int(sh_texels(DEGREE))) h[q] += imageLoad(offsets, int(offset_row) + q);
     }
     if (OFFSET_TEXELS == 1u) h[0].xyz += imageLoad(offsets, int(offset_row)).xyz;
-    vec3 raw = sh_raw_colour(h, y);
-    vec3 v = imageLoad(v_colours, int(i)).xyz;
-    v = vec3(raw.x < 0.0 ? 0.0 : v.x, raw.y < 0.0 ? 0.0 : v.y, raw.z < 0.0 ? 0.0 : v.z);
+    vec3 v = sh_unclamped(sh_raw_colour(h, y, DEGREE), imageLoad(v_colours, int(i)).xyz);
     if (OFFSET_TEXELS == 1u) {
         v_offsets[offset_row] = imageLoad(v_before, int(offset_row)) + vec4(y[0] * v, 0.0);
     } else {
         [[unroll]] for (int q = 0; q < 12; ++q) {
             vec4 add;
-            [[unroll]] for (int c = 0; c < 4; ++c) add[c] = y[(4 * q + c) / 3] * v[(4 * q + c) % 3];
+            [[unroll]] for (int c = 0; c < 4; ++c) add[c] = 4 * q + c < 3 * int(sh_bases(DEGREE)) ? y[(4 * q + c) / 3] * v[(4 * q + c) % 3] : 0.0;
             if (q < int(sh_texels(DEGREE))) v_offsets[offset_row + uint(q)] = imageLoad(v_before, int(offset_row) + q) + add;
         }
     }

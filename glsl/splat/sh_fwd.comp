@@ -1,7 +1,7 @@
 #version 460
 // splat/sh_fwd: view-dependent colour of each visible splat, Kerbl et al. 2023. One invocation per visible splat.
 //   in   sh_coeffs [N,16,3]   offsets, N rows of OFFSET_TEXELS   dirs [V,4] unit   splat_from_visible [V]
-//   out  colours [V,4] = max(0, 1/2 + sum_j Y_j(d) (h_j + delta_j)), 4th channel 0 (=)
+//   out  colours [V,4] = max(0, 1/2 + sum_j Y_j(d) (h_j + delta_j)), NaN stays, 4th channel 0 (=)
 //   OFFSET_TEXELS: 0, 1 (the DC term) or 12 (like sh_coeffs)
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -32,5 +32,6 @@ void main() {
         if (OFFSET_TEXELS == 12u && q < int(sh_texels(DEGREE))) h[q] += imageLoad(offsets, offset_row + q);
     }
     if (OFFSET_TEXELS == 1u) h[0].xyz += imageLoad(offsets, offset_row).xyz;
-    colours[i] = vec4(max(sh_raw_colour(h, y), vec3(0.0)), 0.0);
+    vec3 raw = sh_raw_colour(h, y, DEGREE);
+    colours[i] = vec4(sh_unclamped(raw, raw), 0.0);
 }

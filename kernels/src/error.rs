@@ -62,10 +62,10 @@ pub enum KernelError {
         reason: String,
     },
     /// The device was lost while a submission ran.
-    #[error("the device was lost; the last pass that finished was `{last_pass}`")]
+    #[error("the device was lost; last pass known to have finished: {last_pass}")]
     #[diagnostic(code(guard4d::kernels::device_lost))]
     DeviceLost {
-        /// Stem of the last dispatch known to have finished.
+        /// Name and place of the last pass known to have finished, in words.
         last_pass: String,
     },
     /// Any other Vulkan call failed.

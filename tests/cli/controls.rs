@@ -11,6 +11,7 @@ use guard4d_engine::media::frames::write_png_folder;
 use guard4d_engine::media::{Frame, ReadOptions, read_clip};
 use guard4d_engine::output::Existing;
 use guard4d_engine::scene::Model;
+use guard4d_engine::tensor_file::{Tensor, TensorFile};
 use guard4d_engine::watermark::calibration::Calibration;
 use guard4d_engine::watermark::delivery::{EXTRACTOR, RECEIPT, thresholds};
 use guard4d_engine::watermark::evidence::ExtractorMode;
@@ -23,7 +24,7 @@ use tempfile::TempDir;
 
 use super::{Run, guard4d, put, scratch};
 use crate::support::gpu::{Gpu, device};
-use crate::support::owner::{key_file, key_file_of, sealed};
+use crate::support::owner::{key_file, key_file_with, sealed};
 use crate::support::random::Random;
 use crate::watermark::receipt::body;
 
@@ -51,7 +52,7 @@ impl Rigged {
     fn new(gpu: &Gpu) -> Self {
         let rigged = Self { folder: scratch(), original: Scene::unpack().expect("the scene unpacks") };
         let clip = Clip::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
-        let key_path = put(rigged.path(), "owner.key", &key_bytes(&clip, [7; 32], BITS));
+        let key_path = put(rigged.path(), "owner.key", &key_bytes(&clip, [7; 32]));
         let key = Key::read(&key_path, &clip).expect("the key fits the checkpoint");
         let model = Model::open(rigged.original.path()).expect("the scene opens");
         let marked: Vec<f32> = model.gaussians.sh_coeffs.iter().map(|h| 1.5 * h).collect();
@@ -107,8 +108,13 @@ impl Rigged {
     }
 }
 
-fn key_bytes(clip: &Clip, secret: [u8; 32], bits: u32) -> Vec<u8> {
-    sealed(key_file_of(clip, secret, bits)).to_bytes().expect("serialises")
+/// A key file of 16 bits; all have the same random decoder.
+fn key_of(clip: &Clip, secret: [u8; 32]) -> TensorFile {
+    key_file_with(clip, secret, BITS, 11)
+}
+
+fn key_bytes(clip: &Clip, secret: [u8; 32]) -> Vec<u8> {
+    key_of(clip, secret).to_bytes().expect("serialises")
 }
 
 fn views() -> [&'static dyn AsRef<OsStr>; 6] {
@@ -206,7 +212,7 @@ fn another_key_is_a_control_if_it_is_another_and_as_long() {
     let folder = scratch();
     let clip = Clip::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
     let owner = rigged.file("owner.key");
-    let other = put(folder.path(), "other.key", &key_bytes(&clip, [9; 32], BITS));
+    let other = put(folder.path(), "other.key", &key_bytes(&clip, [9; 32]));
     let (state, reasons) = kind_and_reasons(&rigged.verify(0, &[&"--other-key", &other]), "other_key");
     assert!(state == "quiet" && reasons.contains("passes"), "{state}, {reasons}");
     let short = put(folder.path(), "short.key", &key_file(&clip).to_bytes().expect("serialises"));
@@ -225,16 +231,16 @@ fn the_key_must_be_the_one_that_was_committed_to() {
         rigged.verify_with(&put(folder.path(), name, bytes), &[]).refused(65, words);
     };
     let words = ["receipt.json: key_id", "the key given"];
-    refused("other.key", &key_bytes(&clip, [9; 32], BITS), &words);
-    let mut file = key_file_of(&clip, [7; 32], BITS);
+    refused("other.key", &key_bytes(&clip, [9; 32]), &words);
+    let mut file = key_of(&clip, [7; 32]);
     let bias = file.tensors.get_mut("decoder.2.bias").expect("a tensor of keys");
-    *bias = guard4d_engine::tensor_file::Tensor::f32(&[BITS as usize], vec![0.25; BITS as usize]);
+    *bias = Tensor::f32(&[BITS as usize], vec![0.25; BITS as usize]);
     refused(
         "retrained.key",
         &sealed(file).to_bytes().expect("serialises"),
         &["receipt.json: decoder", "the key given"],
     );
-    let mut file = key_file_of(&clip, [7; 32], BITS);
+    let mut file = key_of(&clip, [7; 32]);
     file.meta.insert("clip".to_owned(), "0".repeat(64));
     let words = ["foreign.key: clip", "a key made with checkpoint 0000", "one made with checkpoint"];
     refused("foreign.key", &sealed(file).to_bytes().expect("serialises"), &words);

@@ -1,13 +1,16 @@
 //! `guard4d dump` against the goldens of other implementations.
 
-use std::path::Path;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 
 use guard4d_engine::tensor_file::{Tensor, TensorFile};
+use serde_json::json;
 
 use super::{guard4d, put, scratch};
 use crate::support::close::{assert_close, cosine, worst_ratio};
 use crate::support::gpu::device;
-use crate::support::{repo, shared};
+use crate::support::raster::{self, RasterCase};
+use crate::support::{golden, repo, shared};
 
 fn read(path: &Path) -> TensorFile {
     TensorFile::read(path).expect("the dump is a safetensors file")
@@ -25,74 +28,164 @@ fn deform_matches_the_goldens() {
         return;
     }
     let folder = scratch();
-    for (name, key, time) in
-        [("dnerf_like", "t0.37", "0.37"), ("dynerf_like", "t1.0", "1"), ("deep_applyrot", "t0.5", "0.5")]
-    {
-        let Some(model) = shared(&format!("data/golden/{name}")) else { return };
-        let out = folder.path().join(format!("{name}.safetensors"));
-        guard4d(&[&"dump", &"deform", &model, &"--time", &time, &"--out", &out]).done();
-        let (got, want) = (read(&out), read(&model.join("expected.safetensors")));
-        let tensors = ["feat", "hidden", "xyz", "scale", "rot", "opacity", "sh"];
-        assert_eq!(got.tensors.len(), tensors.len(), "nothing else is written");
-        for tensor in tensors {
-            let (got, want) = same_shape(&got, tensor, &want, &format!("{key}.{tensor}"));
-            // The goldens' own tolerance for f32.
-            assert_close(got, want, 1e-5, 0.0);
+    for name in ["dnerf_like", "dynerf_like", "deep_applyrot"] {
+        let model = golden::model(name);
+        let want = read(&model.join("expected.safetensors"));
+        for time in ["0.0", "0.37", "0.5", "1.0"] {
+            let out = folder.path().join(format!("{name}.{time}.safetensors"));
+            guard4d(&[&"dump", &"deform", &model, &"--time", &time, &"--out", &out]).done();
+            let got = read(&out);
+            let tensors = ["feat", "hidden", "xyz", "scale", "rot", "opacity", "sh"];
+            assert_eq!(got.tensors.len(), tensors.len(), "nothing else is written");
+            for tensor in tensors {
+                let (got, want) = same_shape(&got, tensor, &want, &format!("t{time}.{tensor}"));
+                // The goldens' own tolerance for f32.
+                assert_close(got, want, 1e-5, 0.0);
+            }
         }
     }
 }
 
 #[test]
 fn render_matches_the_reference_picture_and_gradient() {
-    let (Some(golden), Some(ply)) = (shared("data/golden/raster_fruit"), shared("data/static/fruit_drops_minimal.ply"))
-    else {
-        return;
-    };
     if device().is_none() {
         return;
     }
     let folder = scratch();
     let out = folder.path().join("view.safetensors");
-    let (camera, expected) = (golden.join("camera.json"), golden.join("expected.safetensors"));
-    guard4d(&[&"dump", &"render", &ply, &"--camera", &camera, &"--v-image", &expected, &"--out", &out]).done();
-    let (got, want) = (read(&out), read(&expected));
-    for (name, channels) in [("image", 3), ("final_T", 1)] {
-        let (got, want) = same_shape(&got, name, &want, name);
-        let squares: f64 = got.iter().zip(want).map(|(g, w)| f64::from(g - w).powi(2)).sum();
-        let psnr = -10.0 * (squares / got.len() as f64).log10();
-        // Alpha and stop decisions flip between f32 and f64 in a few pixels (formats, tolerances for goldens).
-        assert!(psnr > 55.0, "{name}: PSNR {psnr} dB");
-        let pixels = got.chunks(channels).zip(want.chunks(channels));
-        let off = pixels.filter(|(g, w)| worst_ratio(g, w, 1e-4, 0.0) > 1.0).count();
-        assert!(off * channels * 1000 <= got.len(), "{name}: {off} pixels are off by more than 1e-4");
+    for RasterCase { ply, camera, expected, tolerance, strays_per_mille } in raster::cases(folder.path()) {
+        let run =
+            guard4d(&[&"dump", &"render", &ply, &"--camera", &camera, &"--v-image", &expected, &"--out", &out, &"-w"]);
+        run.done();
+        let (got, want) = (read(&out), read(&expected));
+        for (name, channels) in [("image", 3), ("final_T", 1)] {
+            let (got, want) = same_shape(&got, name, &want, name);
+            let squares: f64 = got.iter().zip(want).map(|(g, w)| f64::from(g - w).powi(2)).sum();
+            let psnr = -10.0 * (squares / got.len() as f64).log10();
+            assert!(psnr > 55.0, "{name}: PSNR {psnr} dB");
+            let pixels = got.chunks(channels).zip(want.chunks(channels));
+            let off = pixels.filter(|(g, w)| worst_ratio(g, w, tolerance, 0.0) > 1.0).count();
+            let allowed = got.len() / channels * strays_per_mille;
+            assert!(off * 1000 <= allowed, "{name}: {off} pixels are off by more than {tolerance}");
+        }
+        let (got, want) = same_shape(&got, "dL_dsh", &want, "dL_dsh");
+        // A few flipped decisions turn the gradient by about 1e-5.
+        assert!(cosine(got, want) > 0.9999, "gradient: cosine {}", cosine(got, want));
     }
-    let (got, want) = same_shape(&got, "dL_dsh", &want, "dL_dsh");
-    assert!(cosine(got, want) > 0.9999, "gradient: cosine {}", cosine(got, want));
+}
+
+/// One camera that sees the golden models; with a time where one is given.
+fn camera_file(folder: &Path, name: &str, time: Option<f32>) -> PathBuf {
+    let mut camera = json!({
+        "width": 40, "height": 24, "fx": 30.0, "fy": 30.0,
+        "world_to_camera_row_major": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]],
+    });
+    if let Some(time) = time {
+        camera["time"] = json!(time);
+    }
+    put(folder, name, camera.to_string().as_bytes())
+}
+
+#[test]
+fn render_takes_the_time_of_the_flag_before_the_cameras() {
+    if device().is_none() {
+        return;
+    }
+    let (folder, model) = (scratch(), golden::model("dnerf_like"));
+    let picture = |camera: &PathBuf, flag: Option<&str>| {
+        let out = folder.path().join("view.safetensors");
+        let mut args: Vec<&dyn AsRef<OsStr>> =
+            vec![&"dump", &"render", &model, &"--camera", camera, &"--out", &out, &"-w"];
+        let time = flag.unwrap_or_default();
+        if flag.is_some() {
+            args.extend([&"--time" as &dyn AsRef<OsStr>, &time]);
+        }
+        guard4d(&args).done();
+        read(&out).floats("image", &[24, 40, 3]).expect("a picture").to_vec()
+    };
+    let without = camera_file(folder.path(), "without.json", None);
+    let late = camera_file(folder.path(), "late.json", Some(1.0));
+    let (start, end) = (picture(&without, None), picture(&late, None));
+    assert!(start != end && start.iter().all(|v| v.is_finite()), "the model moves within this camera's view");
+    assert_eq!(picture(&without, Some("0")), start, "without any time it is 0");
+    assert_eq!(picture(&without, Some("1")), end, "the flag's time");
+    assert_eq!(picture(&late, Some("0")), start, "the flag counts more than the camera's file");
+    let out = folder.path().join("never.safetensors");
+    guard4d(&[&"dump", &"render", &model, &"--camera", &late, &"--time", &"1.5", &"--out", &out])
+        .refused(2, &["time: 1.5", "0 to 1"]);
+    assert!(!out.exists(), "no output");
+}
+
+#[test]
+fn render_refuses_a_gradient_of_another_shape() {
+    if device().is_none() {
+        return;
+    }
+    let (folder, model) = (scratch(), golden::model("dnerf_like"));
+    let camera = camera_file(folder.path(), "camera.json", None);
+    let out = folder.path().join("out.safetensors");
+    let refused = |tensor: &str, shape: &[usize], words: &[&str]| {
+        let mut file = TensorFile::default();
+        file.tensors.insert(tensor.to_owned(), Tensor::f32(shape, vec![0.0; shape.iter().product()]));
+        let v_image = put(folder.path(), "v_image.safetensors", &file.to_bytes().expect("serialises"));
+        let run = guard4d(&[&"dump", &"render", &model, &"--camera", &camera, &"--v-image", &v_image, &"--out", &out]);
+        run.refused(65, words);
+        assert!(!out.exists(), "no output");
+    };
+    // Width before height, a fourth channel, a missing axis, another name.
+    let expected = "expected f32 [24, 40, 3]";
+    refused("dL_dimage", &[40, 24, 3], &["v_image.safetensors: dL_dimage: f32 [40, 24, 3]", expected]);
+    refused("dL_dimage", &[24, 40, 4], &["dL_dimage: f32 [24, 40, 4]", expected]);
+    refused("dL_dimage", &[24, 120], &["dL_dimage: f32 [24, 120]", expected]);
+    refused("v_image", &[24, 40, 3], &["v_image.safetensors: dL_dimage: nothing"]);
 }
 
 #[test]
 fn clip_matches_transformers() {
-    let Some(input) = shared("weights/mini-clip/fixtures/reference.safetensors") else { return };
     if device().is_none() {
         return;
     }
     let folder = scratch();
     let out = folder.path().join("clip.safetensors");
-    guard4d(&[&"dump", &"clip", &"--clip", &"mini", &"--input", &input, &"--out", &out]).done();
-    let (got, want) = (read(&out), read(&input));
-    for name in ["image_embeds", "text_embeds"] {
-        let (got, want) = same_shape(&got, name, &want, name);
-        for (got, want) in got.chunks(512).zip(want.chunks(512)) {
-            let length = want.iter().map(|v| v * v).sum::<f32>().sqrt();
-            let unit: Vec<f32> = want.iter().map(|v| v / length).collect();
-            // 2e-4 of a feature's length is the agreement asked for.
-            assert_close(got, &unit, 2e-4, 0.0);
+    let real = shared("weights/mini-clip/fixtures/reference.safetensors");
+    for input in [Some(repo("tests/golden/clip_mini.safetensors")), real].into_iter().flatten() {
+        guard4d(&[&"dump", &"clip", &"--clip", &"mini", &"--input", &input, &"--out", &out, &"-w"]).done();
+        let (got, want) = (read(&out), read(&input));
+        for name in ["image_embeds", "text_embeds"] {
+            let (got, want) = same_shape(&got, name, &want, name);
+            for (got, want) in got.chunks(512).zip(want.chunks(512)) {
+                let length = want.iter().map(|v| v * v).sum::<f32>().sqrt();
+                let unit: Vec<f32> = want.iter().map(|v| v / length).collect();
+                // 2e-4 of a feature's length is the agreement asked for.
+                assert_close(got, &unit, 2e-4, 0.0);
+            }
+        }
+        let (got, want) = same_shape(&got, "v_pixel_values", &want, "v_pixel_values");
+        for (got, want) in got.chunks(3 * 64 * 64).zip(want.chunks(3 * 64 * 64)) {
+            assert!(cosine(got, want) > 0.9999, "gradient: cosine {}", cosine(got, want));
         }
     }
-    let (got, want) = same_shape(&got, "v_pixel_values", &want, "v_pixel_values");
-    for (got, want) in got.chunks(3 * 64 * 64).zip(want.chunks(3 * 64 * 64)) {
-        assert!(cosine(got, want) > 0.9999, "gradient: cosine {}", cosine(got, want));
+}
+
+#[test]
+fn clip_takes_a_folder_as_checkpoint() {
+    if device().is_none() {
+        return;
     }
+    let (folder, input) = (scratch(), repo("tests/golden/clip_mini.safetensors"));
+    let dump = |checkpoint: &dyn AsRef<OsStr>, name: &str| {
+        let out = folder.path().join(name);
+        guard4d(&[&"dump", &"clip", &"--clip", checkpoint, &"--input", &input, &"--out", &out]).done();
+        std::fs::read(out).expect("it was written a moment ago")
+    };
+    let copied = dump(&repo("engine/assets/mini-clip"), "folder.safetensors");
+    assert!(copied == dump(&"mini", "mini.safetensors"), "the folder of the built-in checkpoint gives the same bytes");
+    let out = folder.path().join("out.safetensors");
+    let nowhere = folder.path().join("nowhere");
+    guard4d(&[&"dump", &"clip", &"--clip", &nowhere, &"--input", &input, &"--out", &out]).refused(66, &["nowhere"]);
+    put(&nowhere, "config.json", b"no JSON");
+    guard4d(&[&"dump", &"clip", &"--clip", &nowhere, &"--input", &input, &"--out", &out]).refused(65, &["config.json"]);
+    assert!(!out.exists(), "no output");
 }
 
 #[test]
@@ -122,6 +215,78 @@ fn conv3d_and_ssim_match_pytorch() {
     assert_close(value, reference, 1e-4, 0.0);
     let (v_x, reference) = same_shape(&got, "v_x", &want, "v_x");
     assert!(cosine(v_x, reference) > 0.999_99, "gradient: cosine {}", cosine(v_x, reference));
+}
+
+#[test]
+fn adam_matches_pytorch() {
+    if device().is_none() {
+        return;
+    }
+    let (folder, golden) = (scratch(), repo("tests/golden/adam.safetensors"));
+    let out = folder.path().join("adam.safetensors");
+    guard4d(&[&"dump", &"adam", &"--input", &golden, &"--out", &out]).done();
+    let (got, want) = (read(&out), read(&golden));
+    for name in ["history", "exp_avg", "exp_avg_sq"] {
+        let (got, want) = same_shape(&got, name, &want, name);
+        // A few roundings of values near 1 per step.
+        assert_close(got, want, 1e-6, 1e-6);
+    }
+    let mut file = want;
+    file.tensors.insert("grads".to_owned(), Tensor::f32(&[2, 99], vec![0.0; 198]));
+    let input = put(folder.path(), "in.safetensors", &file.to_bytes().expect("serialises"));
+    guard4d(&[&"dump", &"adam", &"--input", &input, &"--out", &out, &"-w"])
+        .refused(65, &["in.safetensors: grads: f32 [2, 99]", "expected f32 [2, 100]"]);
+}
+
+#[test]
+fn resize_matches_pytorch() {
+    if device().is_none() {
+        return;
+    }
+    let folder = scratch();
+    let out = folder.path().join("resize.safetensors");
+    let want = read(&repo("tests/golden/resize.safetensors"));
+    let input = |case: &str, names: &[&str]| {
+        let tensor = |name: &&str| ((*name).to_owned(), want.get(&format!("{case}.{name}")).expect("a tensor").clone());
+        let file = TensorFile { tensors: names.iter().map(tensor).collect(), ..TensorFile::default() };
+        put(folder.path(), "in.safetensors", &file.to_bytes().expect("serialises"))
+    };
+    for (case, size) in [("down", "8x11"), ("up", "12x16"), ("one", "1x1"), ("mixed", "13x7")] {
+        let both = input(case, &["x", "v_y"]);
+        guard4d(&[&"dump", &"resize", &"--size", &size, &"--input", &both, &"--out", &out, &"-w"]).done();
+        let got = read(&out);
+        // Weights are f32 sums of up to 14 triangle values on either side: about 1e-6.
+        for (name, tolerance) in [("y", 2e-6), ("v_x", 4e-6)] {
+            let (got, want) = same_shape(&got, name, &want, &format!("{case}.{name}"));
+            assert_close(got, want, tolerance, 1e-6);
+        }
+    }
+    let alone = input("down", &["x"]);
+    guard4d(&[&"dump", &"resize", &"--size", &"3x2", &"--input", &alone, &"--out", &out, &"-w"]).done();
+    let got = read(&out);
+    assert_eq!(got.tensors.keys().collect::<Vec<_>>(), ["y"], "no gradient was asked for");
+    assert_eq!(got.get("y").expect("there").shape, [2, 2, 3, 4], "WIDTHxHEIGHT");
+    let both = input("down", &["x", "v_y"]);
+    guard4d(&[&"dump", &"resize", &"--size", &"11x8", &"--input", &both, &"--out", &out, &"-w"])
+        .refused(65, &["in.safetensors: v_y: f32 [2, 11, 8, 4]", "expected f32 [2, 8, 11, 4]"]);
+    guard4d(&[&"dump", &"resize", &"--size", &"0x8", &"--input", &both, &"--out", &out])
+        .refused(2, &["from 1 to 8192"]);
+}
+
+/// The fourth channel of a pixel is read by nothing, and need not be there.
+#[test]
+fn resize_takes_three_channels() {
+    if device().is_none() {
+        return;
+    }
+    let folder = scratch();
+    let mut file = TensorFile::default();
+    file.tensors.insert("x".to_owned(), Tensor::f32(&[1, 1, 2, 3], vec![1.0, 2.0, 3.0, 5.0, 6.0, 7.0]));
+    let input = put(folder.path(), "in.safetensors", &file.to_bytes().expect("serialises"));
+    let out = folder.path().join("out.safetensors");
+    guard4d(&[&"dump", &"resize", &"--size", &"2x1", &"--input", &input, &"--out", &out]).done();
+    let got = read(&out);
+    assert_eq!(got.floats("y", &[1, 1, 2, 3]).expect("y"), [1.0, 2.0, 3.0, 5.0, 6.0, 7.0], "the same size is a copy");
 }
 
 /// A 1x1x1 convolution's worth of pixels with one input and one output channel, as no device layout has them.
@@ -162,8 +327,7 @@ fn wrong_inputs_are_told_and_leave_nothing() {
     guard4d(&[&"dump", &"ssim", &"--input", &nowhere, &"--out", &out]).refused(66, &["nowhere.safetensors: not found"]);
     let camera = put(folder.path(), "camera.json", b"{\"frames\": []}");
     guard4d(&[&"dump", &"render", &nowhere, &"--camera", &camera, &"--out", &out]).refused(65, &["camera.json"]);
-    if let Some(model) = shared("data/golden/dnerf_like") {
-        guard4d(&[&"dump", &"deform", &model, &"--time", &"1.5", &"--out", &out]).refused(2, &["time: 1.5", "0 to 1"]);
-    }
+    let model = golden::model("dnerf_like");
+    guard4d(&[&"dump", &"deform", &model, &"--time", &"1.5", &"--out", &out]).refused(2, &["time: 1.5", "0 to 1"]);
     assert_eq!(super::names(folder.path()), ["camera.json", "in.safetensors"], "no output and no partial output");
 }

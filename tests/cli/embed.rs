@@ -77,7 +77,7 @@ impl Small {
     }
 }
 
-/// Every file below `root` with its bytes; receipts without what a clock wrote.
+/// Every file below `root` with its bytes; receipts without what was measured of the run itself.
 fn contents(root: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let (mut found, mut folders) = (Vec::new(), vec![root.to_path_buf()]);
     while let Some(folder) = folders.pop() {
@@ -92,6 +92,7 @@ fn contents(root: &Path) -> Vec<(PathBuf, Vec<u8>)> {
                 let mut receipt: Value = serde_json::from_slice(&bytes).expect("JSON");
                 receipt["commitment"].take();
                 receipt["body"]["seconds"].take();
+                receipt["body"]["peak_memory_bytes"].take();
                 bytes = receipt.to_string().into_bytes();
             }
             found.push((path.strip_prefix(root).expect("below the root").to_path_buf(), bytes));
@@ -129,6 +130,12 @@ fn an_interrupted_run_goes_on_to_the_same_bytes() {
     assert_eq!(printed["missed"][0]["field"], "psnr", "{printed}");
     assert_eq!(printed["missed"][0]["got"], printed["psnr"]["mean_of_views_db"], "the measured figure: {printed}");
     assert_eq!(printed["missed"].as_array().map(Vec::len), Some(1), "the accuracy passes: {printed}");
+    let receipt = fs::read(small.out("unbroken").join("private/receipt.json")).expect("a receipt");
+    let receipt: Value = serde_json::from_slice(&receipt).expect("JSON");
+    let peak = printed["peak_memory_bytes"].as_u64().expect("a number of bytes");
+    assert_eq!(receipt["body"]["peak_memory_bytes"], peak, "the receipt has what is printed");
+    // The weights of the joint network alone are larger; a float has four bytes.
+    assert!(peak > 4 * 60 * 48, "{peak} bytes are more than the splats' colours need");
     let (unbroken, resumed) = (contents(&small.out("unbroken")), contents(&small.out("out")));
     assert_eq!(unbroken.len(), 6, "PLY, three private files and two frames");
     for (a, b) in unbroken.iter().zip(&resumed) {

@@ -1,6 +1,7 @@
 //! The program itself: exit codes, messages, what goes to stdout, and what is left on disk.
 
 mod controls;
+mod demo;
 mod devices;
 mod dump;
 mod embed;
@@ -27,13 +28,17 @@ struct Run {
 }
 
 impl Run {
+    /// Fails when the validation layers had something to say; they watch the program as they watch the other tests.
+    #[track_caller]
     fn of(output: Output) -> Self {
         let text = |bytes| String::from_utf8(bytes).expect("the program writes UTF-8");
-        Self {
+        let run = Self {
             code: output.status.code().expect("the program was not killed"),
             stdout: text(output.stdout),
             stderr: text(output.stderr),
-        }
+        };
+        assert!(!has_validation_error(&run.stderr), "validation errors:\n{}", run.stderr);
+        run
     }
 
     /// Fails unless the program ended with `code`, said all of `words` on stderr, and nothing on stdout.
@@ -56,7 +61,40 @@ impl Run {
     }
 }
 
+/// Whether the log holds an error of the validation layers, in the words of old or new ones.
+fn has_validation_error(stderr: &str) -> bool {
+    ["Validation Error", "VUID-", "SYNC-HAZARD"].iter().any(|mark| stderr.contains(mark))
+}
+
+#[test]
+fn validation_errors_of_the_program_fail_a_test() {
+    let layers = [
+        "2026-01-01T00:00:00Z ERROR Validation Error: [ UNASSIGNED-x ] Object 0: handle = 0x1; | a message",
+        "2026-01-01T00:00:00Z ERROR vkCmdDispatch(): a message (https://docs.vulkan.org/#VUID-vkCmdDispatch-None-1)",
+        "2026-01-01T00:00:00Z ERROR vkCmdCopyBuffer(): [ SYNC-HAZARD-READ-AFTER-WRITE ] a message",
+    ];
+    assert!(layers.iter().all(|line| has_validation_error(line)), "what layers write is seen");
+    assert!(!has_validation_error("2026-01-01T00:00:00Z ERROR out: cannot create"), "the program's own is not");
+    let loud = Command::new("sh").args(["-c", "echo 'ERROR Validation Error: [ VUID-x ]' >&2"]).output();
+    let loud = loud.expect("a shell is on every machine that these tests run on");
+    assert!(std::panic::catch_unwind(|| Run::of(loud)).is_err(), "a run with such an error is no run");
+}
+
+/// The layers watch the program too, or no message of theirs would mean nothing.
+#[test]
+fn the_layers_watch_the_program_under_test() {
+    if crate::support::gpu::watched_device().is_none() {
+        return;
+    }
+    let (folder, model) = (scratch(), crate::scene::fixture::TinyModel::new());
+    let run =
+        guard4d(&[&"dump", &"deform", &model.path(), &"--time", &"0", &"--out", &folder.path().join("out"), &"-v"]);
+    run.done();
+    assert!(run.stderr.contains("validated=true"), "{}", run.stderr);
+}
+
 /// Runs the program.
+#[track_caller]
 fn guard4d(args: &[&dyn AsRef<OsStr>]) -> Run {
     Run::of(command(args).output().expect("the program was built with the tests"))
 }

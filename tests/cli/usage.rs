@@ -40,8 +40,11 @@ fn help_goes_to_stdout_and_names_the_exit_codes() {
     run.done();
     assert!(run.stdout.contains("Exit codes:") && run.stdout.contains("dump"), "{}", run.stdout);
     assert_eq!(run.stderr, "", "help was asked for");
-    let run = guard4d(&[&"dump", &"clip", &"--help"]);
-    assert!(run.stdout.contains("v_pixel_values [G,3,S,S]"), "tensors are named:\n{}", run.stdout);
+    for (command, tensor) in [("clip", "v_pixel_values [G,3,S,S]"), ("resize", "v_y [F,h,w,C]"), ("adam", "hyper [4]")]
+    {
+        let run = guard4d(&[&"dump", &command, &"--help"]);
+        assert!(run.stdout.contains(tensor), "tensors are named:\n{}", run.stdout);
+    }
 }
 
 #[test]

@@ -1,38 +1,26 @@
-//! The miniature CLIP against transformers' outputs and gradients.
+//! The miniature CLIP against transformers' outputs and gradients: for the golden file's random pictures and texts, and
+//! for real ones where the test material is.
 
 use guard4d_engine::clip::{Clip, ClipSource, Purpose};
-use guard4d_engine::tensor_file::{TensorFile, Values};
+use guard4d_engine::tensor_file::TensorFile;
 
-use super::{length, pixels_of};
+use super::{assert_rows_close, length, padded_texts, pixels_of, token_ids};
 use crate::support::close::{assert_close, cosine};
 use crate::support::gpu::{Gpu, device};
-use crate::support::shared;
+use crate::support::{repo, shared};
 
 fn fixtures() -> Option<TensorFile> {
     let path = shared("weights/mini-clip/fixtures/reference.safetensors")?;
     Some(TensorFile::read(&path).expect("the fixtures can be read"))
 }
 
+/// What every clone has: two pictures, two texts.
+fn golden() -> TensorFile {
+    TensorFile::read(&repo("tests/golden/clip_mini.safetensors")).expect("golden values")
+}
+
 fn mini(gpu: &Gpu) -> Clip {
     Clip::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete")
-}
-
-fn token_ids(file: &TensorFile, name: &str) -> Vec<u32> {
-    match &file.get(name).expect("fixture").values {
-        Values::U32(ids) => ids.clone(),
-        Values::I64(ids) => ids.iter().map(|id| u32::try_from(*id).expect("ids are not negative")).collect(),
-        Values::F32(_) => panic!("{name} holds integers"),
-    }
-}
-
-/// Largest error relative to the row's length, which is 1 for normalised features.
-fn assert_rows_close(got: &[f32], want: &[f32], width: usize) {
-    for (g, w) in got.chunks_exact(width).zip(want.chunks_exact(width)) {
-        let norm = length(w);
-        // 2e-4 of the feature's length is the agreement asked for; f32 rounding through four layers stays below it.
-        assert_close(g, w, 2e-4 * norm, 0.0);
-    }
-    assert_eq!(got.len(), want.len(), "rows");
 }
 
 /// Rows divided by their lengths.
@@ -45,42 +33,52 @@ fn unit_rows(x: &[f32], width: usize) -> Vec<f32> {
         .collect()
 }
 
+/// Floats of a picture.
+const PICTURE: usize = 3 * 64 * 64;
+
 #[test]
 fn image_features_match_transformers() {
-    let (Some(gpu), Some(file)) = (device(), fixtures()) else { return };
+    let Some(gpu) = device() else { return };
     let tower = mini(&gpu).vision(Purpose::Features).expect("tower");
-    let planes = file.floats("pixel_values", &[24, 3, 64, 64]).expect("fixture");
-    let pixels = gpu.buffer_from("pixels", &pixels_of(planes, 64)).expect("buffer");
-    let mut ws = tower.workspace(24).expect("workspace");
-    let mut rec = gpu.recorder().expect("recorder");
-    tower.forward(&mut rec, &pixels, &mut ws).expect("records");
-    rec.submit().expect("runs");
-    let want = file.floats("image_embeds", &[24, 512]).expect("fixture");
-    assert_rows_close(&ws.features.read().expect("read"), &unit_rows(want, 512), 512);
+    for (file, count) in [(Some(golden()), 2), (fixtures(), 24)] {
+        let Some(file) = file else { continue };
+        let planes = file.floats("pixel_values", &[count, 3, 64, 64]).expect("pictures");
+        let pixels = gpu.buffer_from("pixels", &pixels_of(planes, 64)).expect("buffer");
+        let mut ws = tower.workspace(count).expect("workspace");
+        let mut rec = gpu.recorder().expect("recorder");
+        tower.forward(&mut rec, &pixels, &mut ws).expect("records");
+        rec.submit().expect("runs");
+        let want = file.floats("image_embeds", &[count, 512]).expect("features");
+        assert_rows_close(&ws.features.read().expect("read"), &unit_rows(want, 512), 512);
+    }
 }
 
 #[test]
 fn pixel_gradients_match_transformers() {
-    let (Some(gpu), Some(file)) = (device(), fixtures()) else { return };
+    let Some(gpu) = device() else { return };
     let tower = mini(&gpu).vision(Purpose::InputGradient).expect("tower");
-    let planes = &file.floats("pixel_values", &[24, 3, 64, 64]).expect("fixture")[..4 * 3 * 64 * 64];
-    let pixels = gpu.buffer_from("pixels", &pixels_of(planes, 64)).expect("buffer");
-    let v_features = file.floats("v_image_embeds", &[4, 512]).expect("fixture");
-    let v_features = gpu.buffer_from("v_features", v_features).expect("buffer");
-    let mut v_pixels = gpu.buffer_from("v_pixels", &vec![f32::NAN; 4 * 64 * 64 * 4]).expect("buffer");
-    let mut ws = tower.workspace(4).expect("workspace");
-    let mut rec = gpu.recorder().expect("recorder");
-    tower.forward(&mut rec, &pixels, &mut ws).expect("records");
-    tower.backward(&mut rec, &v_features, &mut ws, &mut v_pixels).expect("records");
-    rec.submit().expect("runs");
-    let want = pixels_of(file.floats("v_pixel_values", &[4, 3, 64, 64]).expect("fixture"), 64);
-    let got = v_pixels.read().expect("read");
-    for (g, w) in got.chunks_exact(64 * 64 * 4).zip(want.chunks_exact(64 * 64 * 4)) {
-        let similar = cosine(g, w);
-        assert!(similar > 0.9999, "cosine {similar}");
-        let largest = w.iter().fold(0.0f32, |m, v| m.max(v.abs()));
-        // f32 rounding through eight half-layers and back, relative to the largest entry.
-        assert_close(g, w, 1e-3 * largest, 1e-3);
+    // Of the real pictures the first four have gradients.
+    for (file, count, all) in [(Some(golden()), 2, 2), (fixtures(), 4, 24)] {
+        let Some(file) = file else { continue };
+        let planes = &file.floats("pixel_values", &[all, 3, 64, 64]).expect("pictures")[..count * PICTURE];
+        let pixels = gpu.buffer_from("pixels", &pixels_of(planes, 64)).expect("buffer");
+        let v_features = file.floats("v_image_embeds", &[count, 512]).expect("a gradient");
+        let v_features = gpu.buffer_from("v_features", v_features).expect("buffer");
+        let mut v_pixels = gpu.buffer_from("v_pixels", &vec![f32::NAN; count * 64 * 64 * 4]).expect("buffer");
+        let mut ws = tower.workspace(count).expect("workspace");
+        let mut rec = gpu.recorder().expect("recorder");
+        tower.forward(&mut rec, &pixels, &mut ws).expect("records");
+        tower.backward(&mut rec, &v_features, &mut ws, &mut v_pixels).expect("records");
+        rec.submit().expect("runs");
+        let want = pixels_of(file.floats("v_pixel_values", &[count, 3, 64, 64]).expect("a gradient"), 64);
+        let got = v_pixels.read().expect("read");
+        for (g, w) in got.chunks_exact(64 * 64 * 4).zip(want.chunks_exact(64 * 64 * 4)) {
+            let similar = cosine(g, w);
+            assert!(similar > 0.9999, "cosine {similar}");
+            let largest = w.iter().fold(0.0f32, |m, v| m.max(v.abs()));
+            // f32 rounding through eight half-layers and back, relative to the largest entry.
+            assert_close(g, w, 1e-3 * largest, 1e-3);
+        }
     }
 }
 
@@ -101,15 +99,18 @@ fn text_features_match_transformers_without_the_padding() {
 }
 
 #[test]
-fn captions_of_several_lengths_match_transformers() {
-    let (Some(gpu), Some(file)) = (device(), fixtures()) else { return };
+fn texts_of_several_lengths_match_transformers() {
+    let Some(gpu) = device() else { return };
     let tower = mini(&gpu).text().expect("tower");
-    let ids = token_ids(&file, "input_ids");
     let end = tower.config().begin_and_end().1;
-    let want = unit_rows(file.floats("text_embeds", &[10, 512]).expect("fixture"), 512);
-    for (row, want) in ids.chunks_exact(77).zip(want.chunks_exact(512)) {
-        let tokens = 1 + row.iter().position(|id| *id == end).expect("every caption ends");
-        assert_rows_close(&tower.embed(&row[..tokens], tokens).expect("embeds").features, want, 512);
+    for (file, count) in [(Some(golden()), 2), (fixtures(), 10)] {
+        let Some(file) = file else { continue };
+        let want = unit_rows(file.floats("text_embeds", &[count, 512]).expect("features"), 512);
+        let texts = padded_texts(&file, "input_ids", end);
+        for (text, want) in texts.iter().zip(want.chunks_exact(512)) {
+            assert_rows_close(&tower.embed(text, text.len()).expect("embeds").features, want, 512);
+        }
+        assert_eq!(texts.len(), count, "texts");
     }
 }
 

@@ -1,29 +1,52 @@
-//! A ViT-B/32-shaped image tower with formula weights against transformers; see `tests/golden/README.md`.
+//! ViT-B/32-shaped towers with formula weights against transformers; see `tests/golden/README.md`.
+//!
+//! A tensor's values depend on its name and place alone, so each tower is tried beside a tiny other one.
 
 use guard4d_engine::clip::{Clip, ClipSource, Purpose};
 use guard4d_engine::tensor_file::{Tensor, TensorFile};
 
-use super::{Dims, Tower, length, pixels_of};
+use super::{Dims, Tower, assert_rows_close, length, padded_texts, pixels_of};
 use crate::support::close::{assert_close, cosine};
 use crate::support::gpu::device;
 use crate::support::repo;
 
-const CONFIG: &[u8] = br#"{
-    "projection_dim": 512,
-    "text_config": {"vocab_size": 8, "hidden_size": 8, "intermediate_size": 8, "num_hidden_layers": 1,
-                    "num_attention_heads": 1, "max_position_embeddings": 4, "bos_token_id": 6, "eos_token_id": 7},
-    "vision_config": {}
-}"#;
+/// The image tower beside a tiny text tower.
+const IMAGES: (&[u8], Dims) = (
+    br#"{
+        "projection_dim": 512,
+        "text_config": {"vocab_size": 8, "hidden_size": 8, "intermediate_size": 8, "num_hidden_layers": 1,
+                        "num_attention_heads": 1, "max_position_embeddings": 4, "bos_token_id": 6, "eos_token_id": 7},
+        "vision_config": {}
+    }"#,
+    Dims {
+        projection: 512,
+        vocab: 8,
+        positions: 4,
+        text: Tower { width: 8, inner: 8, layers: 1 },
+        vision: Tower { width: 768, inner: 3072, layers: 12 },
+        patch: 32,
+        patches: 49,
+    },
+);
 
-const DIMS: Dims = Dims {
-    projection: 512,
-    vocab: 8,
-    positions: 4,
-    text: Tower { width: 8, inner: 8, layers: 1 },
-    vision: Tower { width: 768, inner: 3072, layers: 12 },
-    patch: 32,
-    patches: 49,
-};
+/// The text tower, which knows 64 tokens, beside a tiny image tower.
+const TEXTS: (&[u8], Dims) = (
+    br#"{
+        "projection_dim": 512,
+        "text_config": {"vocab_size": 64, "bos_token_id": 62, "eos_token_id": 63},
+        "vision_config": {"hidden_size": 8, "intermediate_size": 8, "num_hidden_layers": 1, "num_attention_heads": 1,
+                          "image_size": 4, "patch_size": 2}
+    }"#,
+    Dims {
+        projection: 512,
+        vocab: 64,
+        positions: 77,
+        text: Tower { width: 512, inner: 2048, layers: 12 },
+        vision: Tower { width: 8, inner: 8, layers: 1 },
+        patch: 2,
+        patches: 4,
+    },
+);
 
 const BATCH: usize = 2;
 const SIDE: usize = 224;
@@ -61,20 +84,24 @@ fn weight(name: &str, shape: &[usize]) -> Tensor {
     Tensor::f32(shape, values)
 }
 
-fn clip(gpu: &guard4d_kernels::Device) -> Clip {
-    let tensors = DIMS.tensors().into_iter().map(|(name, shape)| {
+fn clip(gpu: &guard4d_kernels::Device, (config, dims): (&[u8], Dims)) -> Clip {
+    let tensors = dims.tensors().into_iter().map(|(name, shape)| {
         let tensor = weight(&name, &shape);
         (name, tensor)
     });
     let file = TensorFile { tensors: tensors.collect(), ..TensorFile::default() };
     let weights = file.to_bytes().expect("serialises");
-    Clip::load(gpu, &ClipSource::Bytes { config: CONFIG, weights: &weights }).expect("complete")
+    Clip::load(gpu, &ClipSource::Bytes { config, weights: &weights }).expect("complete")
+}
+
+fn golden() -> TensorFile {
+    TensorFile::read(&repo("tests/golden/clip_vit_b32.safetensors")).expect("golden values")
 }
 
 #[test]
 fn features_and_pixel_gradients_match_transformers() {
     let Some(gpu) = device() else { return };
-    let tower = clip(&gpu).vision(Purpose::InputGradient).expect("tower");
+    let tower = clip(&gpu, IMAGES).vision(Purpose::InputGradient).expect("tower");
     let planes = scaled("pixel_values", BATCH * 3 * SIDE * SIDE, 2.0, 0.0);
     let pixels = gpu.buffer_from("pixels", &pixels_of(&planes, SIDE)).expect("buffer");
     let v_features = gpu.buffer_from("v_features", &scaled("v_features", BATCH * 512, 1.0, 0.0)).expect("buffer");
@@ -85,7 +112,7 @@ fn features_and_pixel_gradients_match_transformers() {
     tower.backward(&mut rec, &v_features, &mut ws, &mut v_pixels).expect("records");
     rec.submit().expect("runs");
 
-    let golden = TensorFile::read(&repo("tests/golden/clip_vit_b32.safetensors")).expect("golden values");
+    let golden = golden();
     let floats = |name: &str, shape: &[usize]| golden.floats(name, shape).expect("golden tensor").to_vec();
     // f32 rounding through 24 half-layers against float64: 2e-4 of a feature's length, as for the miniature CLIP.
     let embeds = floats("embeds", &[BATCH, 512]);
@@ -102,4 +129,20 @@ fn features_and_pixel_gradients_match_transformers() {
         let similar = cosine(&got, &kept[image * 3 * 1024..][..3 * 1024]);
         assert!(similar > 0.9999, "image {image}: cosine {similar}");
     }
+}
+
+#[test]
+fn text_features_match_transformers() {
+    let Some(gpu) = device() else { return };
+    let tower = clip(&gpu, TEXTS).text().expect("tower");
+    let golden = golden();
+    let want = golden.floats("text_features", &[2, 512]).expect("golden tensor");
+    let embeds = golden.floats("text_embeds", &[2, 512]).expect("golden tensor");
+    let texts = padded_texts(&golden, "input_ids", tower.config().begin_and_end().1);
+    for ((text, want), embeds) in texts.iter().zip(want.chunks_exact(512)).zip(embeds.chunks_exact(512)) {
+        let got = tower.embed(text, text.len()).expect("embeds");
+        assert_rows_close(&got.embeds, embeds, 512);
+        assert_rows_close(&got.features, want, 512);
+    }
+    assert_eq!(texts.iter().map(Vec::len).collect::<Vec<_>>(), [18, 50], "two lengths");
 }

@@ -1,10 +1,13 @@
 //! Kernel tests, one file per op, in the folders of `glsl/`.
 
+mod device_loss;
 mod image;
 mod loss;
+mod memory;
 mod nn;
 mod optim;
 mod probe;
 mod scan;
 mod select;
 mod splat;
+mod validation;

@@ -7,8 +7,8 @@ use guard4d_engine::scene::{Gaussians, Model};
 use guard4d_engine::tensor_file::TensorFile;
 
 use crate::support::close::assert_close;
+use crate::support::golden;
 use crate::support::gpu::{Gpu, device};
-use crate::support::shared;
 
 const SPLATS: usize = 48;
 const TIMES: [(&str, f32); 4] = [("t0.0", 0.0), ("t0.37", 0.37), ("t0.5", 0.5), ("t1.0", 1.0)];
@@ -30,7 +30,7 @@ fn columns(rows: &[f32], stride: usize, keep: std::ops::Range<usize>) -> Vec<f32
 fn every_golden_model_deforms_as_its_reference() {
     let Some(gpu) = device() else { return };
     for name in ["dnerf_like", "dynerf_like", "deep_applyrot"] {
-        let Some(folder) = shared(&format!("data/golden/{name}")) else { return };
+        let folder = golden::model(name);
         let model = Model::open(&folder).expect("the model opens");
         let expected = TensorFile::read(&folder.join("expected.safetensors")).expect("the golden file opens");
         let mut field = field(&gpu, &model);
@@ -68,7 +68,7 @@ fn repeated(gaussians: &Gaussians, n: usize) -> Gaussians {
 #[test]
 fn splats_beyond_one_chunk_are_all_deformed() {
     let Some(gpu) = device() else { return };
-    let Some(folder) = shared("data/golden/dynerf_like") else { return };
+    let folder = golden::model("dynerf_like");
     let mut model = Model::open(&folder).expect("the model opens");
     let few = field(&gpu, &model).at(0.37).expect("deforms");
     model.gaussians = repeated(&model.gaussians, 20_000);
@@ -83,7 +83,7 @@ fn splats_beyond_one_chunk_are_all_deformed() {
 #[test]
 fn moments_are_cached_and_the_oldest_goes_first() {
     let Some(gpu) = device() else { return };
-    let Some(folder) = shared("data/golden/dnerf_like") else { return };
+    let folder = golden::model("dnerf_like");
     let model = Model::open(&folder).expect("the model opens");
     let mut field = field(&gpu, &model).with_cached_times(2);
     let alone = field.bytes();
@@ -101,7 +101,7 @@ fn moments_are_cached_and_the_oldest_goes_first() {
 #[test]
 fn a_static_or_empty_scene_is_the_same_at_any_time() {
     let Some(gpu) = device() else { return };
-    let Some(folder) = shared("data/golden/dnerf_like") else { return };
+    let folder = golden::model("dnerf_like");
     let mut model = Model::open(&folder).expect("the model opens");
     let mut fixed = DeformField::new(&gpu, &model.gaussians, None).expect("uploads");
     assert!(Arc::ptr_eq(&fixed.at(0.1).expect("static"), fixed.canonical()), "no network, no motion");

@@ -8,6 +8,9 @@ use guard4d_engine::EngineError;
 use guard4d_engine::render::{FrameMut, FramePlan, Offsets, Renderer};
 use guard4d_kernels::Device;
 
+/// The constant spherical harmonic, sqrt(1 / 4π).
+const Y_0: f32 = 0.282_094_8;
+
 /// One frame `[H,W,4]`.
 fn image(
     device: &Device,

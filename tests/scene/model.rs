@@ -10,7 +10,7 @@ use guard4d_engine::scene::{DeformationWeights, Model, ply};
 use super::fixture::{self, CHANNELS, MULTIRES, RESOLUTION, SPLATS, TinyModel, WIDTH};
 use super::{assert_refused, bad_data};
 use crate::support::pth_builder::{RawView, bare};
-use crate::support::shared;
+use crate::support::{golden, shared};
 
 fn open_error(tiny: &TinyModel) -> EngineError {
     Model::open(tiny.path()).expect_err("the model is bad")
@@ -239,8 +239,7 @@ fn golden_folders_load() {
     for (name, width, levels, depth) in
         [("dnerf_like", 16, 2, 1), ("dynerf_like", 24, 2, 1), ("deep_applyrot", 16, 3, 3)]
     {
-        let Some(path) = shared(&format!("data/golden/{name}")) else { return };
-        let model = Model::open(&path).expect(name);
+        let model = Model::open(&golden::model(name)).expect(name);
         let network = network(&model);
         assert_eq!(model.gaussians.len(), 48, "{name}");
         assert_eq!((network.config.net_width, network.grids.len()), (width, levels), "{name}");

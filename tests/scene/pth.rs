@@ -8,7 +8,7 @@ use proptest::prelude::*;
 
 use super::{assert_refused, fixture};
 use crate::support::pth_builder::{Pickle, RawView, archive, bare, state_dict, zip};
-use crate::support::shared;
+use crate::support::{golden, shared};
 
 fn parse(bytes: &[u8]) -> Result<PthContent, EngineError> {
     PthContent::parse(Path::new("test.pth"), bytes)
@@ -323,9 +323,8 @@ fn a_trained_network_of_another_kind_is_read_but_is_no_4dgaussians_model() {
 
 #[test]
 fn the_training_tensors_of_a_real_model_are_bare() {
-    let folder = "data/golden/dnerf_like/point_cloud/iteration_20000";
-    let Some(table) = shared(&format!("{folder}/deformation_table.pth")) else { return };
-    let Some(accum) = shared(&format!("{folder}/deformation_accum.pth")) else { return };
+    let folder = golden::model("dnerf_like").join("point_cloud/iteration_20000");
+    let (table, accum) = (folder.join("deformation_table.pth"), folder.join("deformation_accum.pth"));
     let expected = Tensor { shape: vec![48], data: TensorData::Bool(vec![true; 48]) };
     assert_eq!(PthContent::open(&table).expect("a real torch file"), PthContent::Tensor(expected));
     let expected = Tensor { shape: vec![48, 3], data: TensorData::F32(vec![0.0; 144]) };

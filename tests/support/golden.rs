@@ -1,5 +1,7 @@
 //! Golden files of `tests/golden`.
 
+use std::path::PathBuf;
+
 use safetensors::SafeTensors;
 
 use super::repo;
@@ -35,4 +37,9 @@ impl Golden {
     pub(crate) fn shape(&self, name: &str) -> Vec<usize> {
         self.tensors().tensor(name).unwrap_or_else(|e| panic!("`{name}`: {e}")).shape().to_vec()
     }
+}
+
+/// A small 4DGaussians model folder of `tests/golden/models` with its `expected.safetensors`.
+pub(crate) fn model(name: &str) -> PathBuf {
+    repo("tests/golden/models").join(name)
 }

@@ -3,7 +3,7 @@
 use std::ops::Deref;
 use std::sync::OnceLock;
 
-use guard4d_kernels::vk::take_validation_errors;
+use guard4d_kernels::vk::{HostAccess, take_validation_errors};
 use guard4d_kernels::{Device, DeviceSelect};
 
 /// Derefs to the device; fails the test when it caused a validation error.
@@ -29,16 +29,13 @@ impl Drop for Gpu {
 /// printed, without a driver; with `GUARD4D_REQUIRE_VULKAN` set that fails the test.
 pub(crate) fn device() -> Option<Gpu> {
     static DEVICE: OnceLock<Result<Device, String>> = OnceLock::new();
-    let opened = DEVICE.get_or_init(|| {
-        let wanted = std::env::var("GUARD4D_DEVICE").unwrap_or_else(|_| "auto".to_owned());
-        let select: DeviceSelect = wanted.parse()?;
-        Device::open(&select).map_err(|e| e.to_string())
-    });
-    let required = std::env::var_os("GUARD4D_REQUIRE_VULKAN").is_some();
+    // What an earlier test on this thread left, before the device is opened: errors of opening it count.
+    let _ = take_validation_errors();
+    let opened = DEVICE.get_or_init(|| open(HostAccess::Mapped));
+    let required = is_required();
     match opened {
         Ok(device) => {
             assert!(!required || device.is_validated(), "the Vulkan validation layers are missing");
-            let _ = take_validation_errors();
             Some(Gpu(device.clone()))
         }
         Err(why) => {
@@ -47,4 +44,41 @@ pub(crate) fn device() -> Option<Gpu> {
             None
         }
     }
+}
+
+/// A device that no other test uses, for tests that look at the device itself. `None` as for [`device`].
+pub(crate) fn own_device() -> Option<Gpu> {
+    own(HostAccess::Mapped)
+}
+
+/// The same with a device whose memory the host reaches as it would that of a card it cannot see into.
+pub(crate) fn staged_device() -> Option<Gpu> {
+    own(HostAccess::Staged)
+}
+
+fn own(host_access: HostAccess) -> Option<Gpu> {
+    drop(device()?);
+    Some(Gpu(open(host_access).expect("it opened a moment ago")))
+}
+
+/// The shared device where validation layers watch it, for tests of the watching. `None`, with the reason printed, where
+/// none does.
+pub(crate) fn watched_device() -> Option<Gpu> {
+    let gpu = device()?;
+    if !gpu.is_validated() {
+        super::skipped("the Vulkan validation layers are missing");
+        return None;
+    }
+    Some(gpu)
+}
+
+/// Whether a test that finds no device, or not all that it needs of one, has failed.
+pub(crate) fn is_required() -> bool {
+    std::env::var_os("GUARD4D_REQUIRE_VULKAN").is_some()
+}
+
+fn open(host_access: HostAccess) -> Result<Device, String> {
+    let wanted = std::env::var("GUARD4D_DEVICE").unwrap_or_else(|_| "auto".to_owned());
+    let select: DeviceSelect = wanted.parse()?;
+    Device::open_with(&select, host_access).map_err(|e| e.to_string())
 }

@@ -6,8 +6,10 @@ pub(crate) mod golden;
 pub(crate) mod gpu;
 pub(crate) mod gradcheck;
 pub(crate) mod owner;
+pub(crate) mod poison;
 pub(crate) mod pth_builder;
 pub(crate) mod random;
+pub(crate) mod raster;
 pub(crate) mod tiny_clip;
 
 use std::io::Write;

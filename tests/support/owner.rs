@@ -55,6 +55,7 @@ impl Owner {
             size_px: (SIDE_PX, SIDE_PX),
             responses: 2 * BITS as usize,
             seed: 5,
+            held_out_every: 0,
             ..EmbedConfig::new(Profile::Draft, ExtractorMode::Blind)
         };
         Self { clip, key, scene, model, message, config }
@@ -85,13 +86,18 @@ pub(crate) fn cameras() -> CameraSet {
     orbit.cameras().expect("an orbit").at_times(&[0.0, 0.5])
 }
 
-/// A key file of [`BITS`] bits whose decoder is random.
+/// The owner's key file; its decoder is random.
 pub(crate) fn key_file(clip: &Clip) -> TensorFile {
-    key_file_of(clip, SECRET, BITS)
+    key_file_of(clip, SECRET, 11)
 }
 
-/// The key file of a secret, with a random decoder.
-pub(crate) fn key_file_of(clip: &Clip, secret: [u8; 32], bits: u32) -> TensorFile {
+/// The key file of anyone, of [`BITS`] bits; its decoder is drawn from `seed`.
+pub(crate) fn key_file_of(clip: &Clip, secret: [u8; 32], seed: u64) -> TensorFile {
+    key_file_with(clip, secret, BITS, seed)
+}
+
+/// The same of any length.
+pub(crate) fn key_file_with(clip: &Clip, secret: [u8; 32], bits: u32, seed: u64) -> TensorFile {
     let hex: String = secret.iter().map(|byte| format!("{byte:02x}")).collect();
     let secret = MasterSecret::from_bytes(secret);
     let (text, width) = (&clip.config().text_config, clip.config().projection_dim);
@@ -104,7 +110,7 @@ pub(crate) fn key_file_of(clip: &Clip, secret: [u8; 32], bits: u32) -> TensorFil
     file.meta.insert("secret".to_owned(), hex);
     let ids = table.ids().as_flattened().to_vec();
     file.tensors.insert("token_table".to_owned(), Tensor::u32(&[bits as usize, 2], ids));
-    let mut random = Random(11);
+    let mut random = Random(seed);
     let mut add = |name: String, shape: &[usize], size: f32| {
         let values = random.vec_f32(shape.iter().product(), -size, size);
         file.tensors.insert(name, Tensor::f32(shape, values));

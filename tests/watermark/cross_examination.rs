@@ -79,6 +79,26 @@ fn a_frozen_extractor_stays_as_it_is_and_reads_the_second_copy() {
 }
 
 #[test]
+fn a_mark_of_twice_the_strength_costs_six_decibels() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let embedded = run(Embedding::prepare(owner.subject(&gpu), joint(&owner)).expect("prepares"));
+    let clean = &owner.model.gaussians.sh_coeffs;
+    let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    assert!(bits(&embedded.with_strength(clean, 0.0)) == bits(clean), "no mark at all");
+    let expected: Vec<_> = clean.iter().zip(&embedded.sh_coeffs).map(|(c, m)| 2.0 * m - c).collect();
+    // Rounding of a difference, a product and a sum of coefficients below 8.
+    assert_close(&embedded.with_strength(clean, 2.0), &expected, 32.0 * f32::EPSILON, 0.0);
+    let own = -10.0 * embedded.mse.log10();
+    assert!(own.is_finite() && own > 20.0, "{own} dB");
+    let quarter = 10.0 * 4f32.log10();
+    for (psnr, strength) in [(own, 1.0), (own - quarter, 2.0), (own + quarter, 0.5)] {
+        // Rounding of a logarithm of about 5 and a power of ten, times ln 10 / 2 of its exponent.
+        assert_close(&[embedded.strength_for(psnr)], &[strength], 0.0, 1e-5);
+    }
+}
+
+#[test]
 fn joint_gains_nothing_from_what_the_control_shows_too() {
     let Some(gpu) = device() else { return };
     let owner = Owner::new(&gpu);

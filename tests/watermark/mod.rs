@@ -1,6 +1,7 @@
 mod calibration;
 mod cross_examination;
 mod decoder;
+mod embedding;
 mod evidence;
 mod gate;
 pub(crate) mod key;

@@ -32,6 +32,7 @@ fn streams_differ_by_key_purpose_and_index() {
         Purpose::PayloadPad,
         Purpose::TmsdInit,
         Purpose::Views,
+        Purpose::HeldOutViews,
         Purpose::Responses,
         Purpose::Calibration,
         Purpose::Embedding,

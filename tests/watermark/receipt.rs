@@ -48,6 +48,7 @@ pub(crate) fn body() -> ReceiptBody {
             bit_accuracy: BitAccuracies { frame: 0.943, clip: 1.0, clean: Some(0.5), noisy: None },
         },
         seconds: BTreeMap::from([("plan".to_owned(), 1.25), ("embed".to_owned(), 1e-7 / 3.0)]),
+        peak_memory_bytes: Some(123_456_789_012),
         device: DeviceRecord {
             name: "test".to_owned(),
             driver: "none 1".to_owned(),
@@ -80,6 +81,17 @@ fn layout_of_the_file_does_not_matter() {
     let path = folder.path().join("receipt.json");
     fs::write(&path, serde_json::to_string(&sealed()).expect("finite figures")).expect("the folder is writable");
     assert_eq!(Receipt::read(&path).expect("compact JSON"), sealed());
+}
+
+#[test]
+fn receipts_from_before_memory_was_measured_are_read() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("receipt.json");
+    let earlier = Receipt::seal(ReceiptBody { peak_memory_bytes: None, ..body() }).expect("finite figures");
+    earlier.write(&path).expect("the folder is writable");
+    let text = fs::read_to_string(&path).expect("written above");
+    assert!(!text.contains("peak_memory_bytes"), "as an earlier version wrote it: {text}");
+    assert_eq!(Receipt::read(&path).expect("its commitment holds"), earlier);
 }
 
 /// Paths to every leaf of a JSON value.

@@ -1,4 +1,4 @@
-//! TMSD: the identity, the exact colour map and its gradient, what the network can see, sizes and files.
+//! TMSD: the identity, the exact colour map, gradients of the whole, what the network can see, sizes and files.
 
 use guard4d_engine::EngineError;
 use guard4d_engine::tensor_file::TensorFile;
@@ -6,10 +6,15 @@ use guard4d_engine::watermark::prf::{MasterSecret, Prf, Purpose};
 use guard4d_engine::watermark::tmsd::{Tmsd, TmsdConfig, TmsdWeights};
 use guard4d_kernels::Device;
 use guard4d_kernels::image::colour_map::ColourMap;
-use guard4d_kernels::shape::ClipShape;
+use guard4d_kernels::reference::Real;
+use guard4d_kernels::reference::image::colour_map as colour_map_twin;
+use guard4d_kernels::reference::nn::axpy as axpy_twin;
+use guard4d_kernels::reference::nn::conv3d as conv3d_twin;
+use guard4d_kernels::shape::{Accumulate, ClipShape};
 
 use crate::support::close::assert_close;
 use crate::support::gpu::device;
+use crate::support::gradcheck::gradcheck;
 use crate::support::random::Random;
 
 const SHAPE: ClipShape = ClipShape { frames: 2, height: 5, width: 9 };
@@ -21,11 +26,188 @@ fn fresh(config: TmsdConfig, map: ColourMap) -> TmsdWeights {
     TmsdWeights::new(config, map, &mut Prf::new(&MasterSecret::from_bytes([7; 32])).stream(Purpose::TmsdInit, 0))
 }
 
+/// The same with every layer at random, the last one too.
+fn trained(config: TmsdConfig, seed: u64) -> TmsdWeights {
+    let mut weights = fresh(config, MAP);
+    let mut random = Random(seed);
+    let last = weights.layers.len() - 1;
+    for (i, layer) in weights.layers.iter_mut().enumerate() {
+        let outputs = if i == last { 3 } else { config.width };
+        // Values of much the same size in every layer.
+        let bound = (3.0 * outputs as f64 / layer.len() as f64).sqrt();
+        layer.iter_mut().for_each(|w| *w = random.uniform(-bound, bound) as f32);
+    }
+    weights
+}
+
 /// A clip with colours of either sign and an empty fourth channel.
 fn clip(seed: u64) -> Vec<f32> {
+    clip_of(SHAPE, seed)
+}
+
+fn clip_of(shape: ClipShape, seed: u64) -> Vec<f32> {
     let mut random = Random(seed);
     let pixel = |i: usize| if i % 4 == 3 { 0.0 } else { random.uniform(-1.0, 1.0) as f32 };
-    (0..4 * SHAPE.pixels()).map(pixel).collect()
+    (0..4 * shape.pixels()).map(pixel).collect()
+}
+
+/// R composed of the kernels' twins, in PyTorch's layout: three channels in and out, none for padding.
+struct Twin<R> {
+    map: [[R; 3]; 3],
+    scale: R,
+    layers: Vec<(conv3d_twin::Conv3d, Vec<R>)>,
+}
+
+/// What a forward pass leaves: R(x), the input of each layer, and how near a ReLU came to its corner.
+struct TwinPass<R> {
+    out: Vec<R>,
+    inputs: Vec<Vec<R>>,
+    nearest: f64,
+}
+
+fn all_of<R: Real>(values: &[f32]) -> Vec<R> {
+    values.iter().map(|v| R::of(f64::from(*v))).collect()
+}
+
+/// Texels without their fourth channel, and the way back.
+fn colours<R: Real>(texels: &[R]) -> Vec<R> {
+    texels.chunks_exact(4).flat_map(|t| [t[0], t[1], t[2]]).collect()
+}
+
+fn texels<R: Real>(colours: &[R]) -> Vec<R> {
+    colours.chunks_exact(3).flat_map(|c| [c[0], c[1], c[2], R::of(0.0)]).collect()
+}
+
+impl<R: Real> Twin<R> {
+    fn new(weights: &TmsdWeights, shape: ClipShape) -> Self {
+        let TmsdConfig { depth, width, scale } = weights.config;
+        let layer = |(i, w): (usize, &Vec<f32>)| {
+            let conv = conv3d_twin::Conv3d {
+                shape: [shape.frames, shape.height, shape.width],
+                in_channels: if i == 0 { 3 } else { width },
+                out_channels: if i + 1 == depth { 3 } else { width },
+                time: conv3d_twin::Padding::Replicate,
+                space: conv3d_twin::Padding::Reflect,
+            };
+            (conv, all_of(w))
+        };
+        Self {
+            map: weights.colour_map.map(|row| row.map(|m| R::of(f64::from(m)))),
+            scale: R::of(f64::from(scale)),
+            layers: weights.layers.iter().enumerate().map(layer).collect(),
+        }
+    }
+
+    fn forward(&self, x: &[R]) -> TwinPass<R> {
+        let y = colour_map_twin::forward(self.map, x);
+        let (mut inputs, mut nearest) = (vec![colours(&y)], f64::INFINITY);
+        for (i, (conv, weight)) in self.layers.iter().enumerate() {
+            let mut next = conv.forward(&inputs[i], weight, &vec![R::of(0.0); conv.out_channels]);
+            if i + 1 < self.layers.len() {
+                nearest = next.iter().fold(nearest, |least, v| least.min(v.f64().abs()));
+                conv3d_twin::relu(&mut next);
+            }
+            inputs.push(next);
+        }
+        let delta = inputs.pop().expect("the last layer's output");
+        TwinPass { out: axpy_twin::forward(self.scale, &y, &texels(&delta)), inputs, nearest }
+    }
+
+    /// dL/dx, and the gradient of each layer.
+    fn backward(&self, pass: &TwinPass<R>, v_out: &[R]) -> (Vec<R>, Vec<Vec<R>>) {
+        let mut v_y = colours(&axpy_twin::backward(self.scale, v_out));
+        let mut v_weights = Vec::new();
+        for (i, (conv, weight)) in self.layers.iter().enumerate().rev() {
+            v_weights.push(conv.backward_weight(&pass.inputs[i], &v_y).0);
+            v_y = conv.backward_input(&v_y, weight);
+            if i > 0 {
+                conv3d_twin::relu_backward(&pass.inputs[i], &mut v_y);
+            }
+        }
+        v_weights.reverse();
+        let v_mapped: Vec<R> = v_out.iter().zip(texels(&v_y)).map(|(direct, through)| *direct + through).collect();
+        (colour_map_twin::backward(self.map, &v_mapped), v_weights)
+    }
+}
+
+#[test]
+fn gradients_of_the_whole_match_differences() {
+    let shape = ClipShape { frames: 2, height: 2, width: 3 };
+    let weights = trained(TmsdConfig { depth: 3, width: 4, scale: 0.5 }, 8);
+    let twin = Twin::<f64>::new(&weights, shape);
+    let (x, v_out): (Vec<f64>, Vec<f64>) = (all_of(&clip_of(shape, 9)), all_of(&clip_of(shape, 10)));
+    let loss =
+        |twin: &Twin<f64>, x: &[f64]| -> f64 { twin.forward(x).out.iter().zip(&v_out).map(|(out, v)| out * v).sum() };
+    let pass = twin.forward(&x);
+    let open = pass.inputs[1..].iter().flatten().filter(|v| **v > 0.0).count();
+    let gates = pass.inputs[1..].iter().map(Vec::len).sum::<usize>();
+    assert!(4 * open > gates && 4 * open < 3 * gates, "{open} of {gates} gates are open");
+    // A hundred times the step of the differences: between the corners R is linear in each number alone.
+    assert!(pass.nearest > 1e-3, "a ReLU is {} from its corner", pass.nearest);
+    let (v_x, v_weights) = twin.backward(&pass, &v_out);
+    let mut worst = vec![gradcheck(|x| loss(&twin, x), &x, &v_x)];
+    for (i, v_weight) in v_weights.iter().enumerate() {
+        let with = |w: &[f64]| {
+            let mut layers = twin.layers.clone();
+            layers[i].1.copy_from_slice(w);
+            loss(&Twin { layers, ..twin }, &x)
+        };
+        worst.push(gradcheck(with, &twin.layers[i].1, v_weight));
+    }
+    // Only rounding of the difference remains: 1e-16 of a loss below 100, over 1e-5.
+    assert!(worst.iter().all(|w| *w < 1e-8), "input and layers: {worst:?}");
+}
+
+/// Every value is a chain of sums of up to 540 products in another order: a few 2^-24 · √540 of the largest.
+fn assert_follows(got: &[f32], want: &[f32]) {
+    let largest = want.iter().fold(0.0, |m: f32, v| m.max(v.abs()));
+    assert!(largest > 0.0, "there is something to follow");
+    assert_close(got, want, 1e-5 * largest, 0.0);
+}
+
+#[test]
+fn gradients_of_two_branches_follow_the_twin() {
+    let Some(gpu) = device() else { return };
+    for config in [TmsdConfig { scale: 0.5, ..TmsdConfig::default() }, TmsdConfig { depth: 4, width: 20, scale: 2.0 }] {
+        let weights = trained(config, 11);
+        let twin = Twin::<f32>::new(&weights, SHAPE);
+        let mut tmsd = Tmsd::new(&gpu, &weights, SHAPE).expect("uploads");
+        let clips = [12, 14].map(|seed| (clip(seed), clip(seed + 1)));
+        let inputs = clips.each_ref().map(|(x, _)| gpu.buffer_from("x", x).expect("buffer"));
+        let mut passes = clips.each_ref().map(|(_, v_out)| {
+            let mut pass = tmsd.pass(&gpu).expect("buffers");
+            pass.v_out.write(v_out).expect("upload");
+            pass
+        });
+        let want = clips.each_ref().map(|(x, v_out)| {
+            let pass = twin.forward(x);
+            // Rounding must not decide a gate.
+            assert!(pass.nearest > 2e-5, "a ReLU is {} from its corner", pass.nearest);
+            let (v_x, v_weights) = twin.backward(&pass, v_out);
+            (pass.out, v_x, v_weights)
+        });
+        // As `joint` does it, and twice: the first branch takes the place of what an earlier step left.
+        for _ in 0..2 {
+            let mut rec = gpu.recorder().expect("recorder");
+            for (x, pass) in inputs.iter().zip(&mut passes) {
+                tmsd.forward(&mut rec, x, pass).expect("records");
+            }
+            for (pass, accumulate) in passes.iter_mut().zip([Accumulate::Overwrite, Accumulate::Add]) {
+                tmsd.backward(&mut rec, pass, Some(accumulate)).expect("records");
+            }
+            rec.submit().expect("runs");
+        }
+        for (pass, (out, v_x, _)) in passes.iter().zip(&want) {
+            assert_follows(&pass.out.read().expect("read"), out);
+            assert_follows(&pass.v_x.read().expect("read"), v_x);
+        }
+        let v_weights = tmsd.weight_gradients().expect("reads");
+        assert_eq!(v_weights.len(), config.depth);
+        for (i, v_weight) in v_weights.iter().enumerate() {
+            let sum: Vec<f32> = want[0].2[i].iter().zip(&want[1].2[i]).map(|(a, b)| a + b).collect();
+            assert_follows(v_weight, &sum);
+        }
+    }
 }
 
 /// R(x), and dL/dx for dL/dR(x) = `v_out`.

@@ -82,6 +82,8 @@ pub enum Purpose {
     TmsdInit,
     /// Views and times of the training clips.
     Views,
+    /// Views and times of the clips that are measured and never trained on.
+    HeldOutViews,
     /// Random offsets that the calibration is fitted to.
     Responses,
     /// Rotation that mixes the calibrated directions.
@@ -110,6 +112,7 @@ impl Purpose {
             Self::PayloadPad => "payload-pad",
             Self::TmsdInit => "tmsd-init",
             Self::Views => "views",
+            Self::HeldOutViews => "held-out-views",
             Self::Responses => "responses",
             Self::Calibration => "calibration",
             Self::Embedding => "embedding",

@@ -297,6 +297,14 @@ impl Tmsd {
         })
     }
 
+    /// Gradients of the weights as [`Tmsd::backward`] left them, shaped like [`TmsdWeights::layers`].
+    ///
+    /// # Errors
+    /// When reading from the device fails.
+    pub fn weight_gradients(&self) -> Result<Vec<Vec<f32>>, KernelError> {
+        self.layers.iter().map(|l| Ok(l.conv.unpack(&l.v_weight.read()?, l.given.0, l.given.1))).collect()
+    }
+
     /// Weights' optimiser moments by tensor name, for checkpoints.
     pub fn states(&mut self) -> impl Iterator<Item = (String, &mut Buffer<f32>, &mut AdamState)> {
         self.layers.iter_mut().enumerate().map(|(i, l)| (format!("tmsd.{i}"), &mut l.weight, &mut l.state))

@@ -50,7 +50,9 @@ impl Objective {
         match self {
             Self::Bce | Self::Margin { .. } | Self::Chance => value,
             Self::InverseBce { eps } => 1.0 / (value + eps),
-            Self::Hinge { eps } => 1.0 / (value.min(std::f32::consts::LN_2) + eps),
+            // `min` would drop a NaN.
+            Self::Hinge { eps } if value > std::f32::consts::LN_2 => 1.0 / (std::f32::consts::LN_2 + eps),
+            Self::Hinge { eps } => 1.0 / (value + eps),
         }
     }
 }

@@ -57,6 +57,12 @@ impl PackedWeight {
         Self::new(device, name, &columns, n, k)
     }
 
+    /// The matrix in its packed order.
+    #[must_use]
+    pub fn packed(&self) -> &Buffer<f32> {
+        &self.packed
+    }
+
     /// A zero matrix, to be filled by [`gather`].
     ///
     /// # Errors

@@ -5,11 +5,11 @@ use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 use ash::vk;
-use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::Allocation;
 
 use super::check;
-use super::device::{Device, DeviceInner};
+use super::device::{Device, DeviceInner, HostAccess};
+use super::memory::Purpose;
 use crate::error::KernelError;
 
 /// Bytes of a texel; every buffer is padded with zeros to whole texels.
@@ -37,6 +37,7 @@ pub(super) struct BufferInner {
     pub(super) name: String,
     /// Bytes including the padding to whole texels.
     pub(super) bytes: u64,
+    purpose: Purpose,
     allocation: Option<Allocation>,
     view: OnceLock<vk::BufferView>,
 }
@@ -55,7 +56,7 @@ impl<T> std::fmt::Debug for Buffer<T> {
 }
 
 impl BufferInner {
-    fn new(device: &Arc<DeviceInner>, name: &str, bytes: u64, location: MemoryLocation) -> Result<Self, KernelError> {
+    fn new(device: &Arc<DeviceInner>, name: &str, bytes: u64, purpose: Purpose) -> Result<Self, KernelError> {
         let bytes = bytes.next_multiple_of(TEXEL_BYTES).max(TEXEL_BYTES);
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER
             | vk::BufferUsageFlags::STORAGE_TEXEL_BUFFER
@@ -63,10 +64,16 @@ impl BufferInner {
             | vk::BufferUsageFlags::TRANSFER_DST;
         let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);
         // SAFETY: the create info is valid and the device is alive (held by `device`).
-        let handle = check("vkCreateBuffer", unsafe { device.raw.create_buffer(&info, None) })?;
+        let handle = match unsafe { device.raw.create_buffer(&info, None) } {
+            // Drivers say so already here when a buffer is larger than any memory of theirs.
+            Err(code @ (vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_HOST_MEMORY)) => {
+                return Err(device.memory().refusal(name, bytes, &code.to_string()));
+            }
+            other => check("vkCreateBuffer", other)?,
+        };
         // SAFETY: `handle` was just created on this device.
         let requirements = unsafe { device.raw.get_buffer_memory_requirements(handle) };
-        let allocation = match device.memory().allocate(name, requirements, location) {
+        let allocation = match device.memory().allocate(name, requirements, purpose) {
             Ok(allocation) => allocation,
             Err(e) => {
                 // SAFETY: nothing has used the buffer yet.
@@ -81,6 +88,7 @@ impl BufferInner {
             handle,
             name: name.to_owned(),
             bytes,
+            purpose,
             allocation: Some(allocation),
             view: OnceLock::new(),
         };
@@ -108,6 +116,7 @@ impl BufferInner {
         let info = vk::BufferViewCreateInfo::default().buffer(self.handle).format(format).range(vk::WHOLE_SIZE);
         // SAFETY: the buffer is bound and alive; the format is one of the mandatory texel formats.
         let view = check("vkCreateBufferView", unsafe { self.device.raw.create_buffer_view(&info, None) })?;
+        self.device.name_object(view, &self.name);
         if self.view.set(view).is_err() {
             // SAFETY: another thread won the race, so this view is unused.
             unsafe { self.device.raw.destroy_buffer_view(view, None) };
@@ -116,6 +125,9 @@ impl BufferInner {
     }
 
     fn mapped(&self) -> Option<*mut u8> {
+        if self.purpose == Purpose::Work && self.device.host_access == HostAccess::Staged {
+            return None;
+        }
         let allocation = self.allocation.as_ref()?;
         let coherent = allocation.memory_properties().contains(vk::MemoryPropertyFlags::HOST_COHERENT);
         allocation.mapped_ptr().filter(|_| coherent).map(|p| p.as_ptr().cast())
@@ -144,8 +156,21 @@ impl Device {
     /// # Errors
     /// [`KernelError::Allocation`] when memory runs out.
     pub fn buffer<T: Element>(&self, name: &str, len: usize) -> Result<Buffer<T>, KernelError> {
+        self.zeros(name, len, Purpose::Work)
+    }
+
+    /// A buffer of `len` zeros for copies of what the host reads often: [`Buffer::read`] finds it mapped, so that
+    /// it neither allocates nor submits. Kernels work faster in others.
+    ///
+    /// # Errors
+    /// [`KernelError::Allocation`] when memory runs out.
+    pub fn readback<T: Element>(&self, name: &str, len: usize) -> Result<Buffer<T>, KernelError> {
+        self.zeros(name, len, Purpose::ReadBack)
+    }
+
+    fn zeros<T: Element>(&self, name: &str, len: usize, purpose: Purpose) -> Result<Buffer<T>, KernelError> {
         let bytes = (len * size_of::<T>()) as u64;
-        let inner = Arc::new(BufferInner::new(self.inner(), name, bytes, MemoryLocation::GpuOnly)?);
+        let inner = Arc::new(BufferInner::new(self.inner(), name, bytes, purpose)?);
         let mut buffer = Buffer { inner, len, element: PhantomData };
         buffer.clear()?;
         Ok(buffer)
@@ -209,8 +234,7 @@ impl<T: Element> Buffer<T> {
             // for before anything reads, and `out` is a fresh host allocation.
             unsafe { std::ptr::copy_nonoverlapping(source.add(offset), bytes.as_mut_ptr(), bytes.len()) };
         } else if !bytes.is_empty() {
-            let staging =
-                BufferInner::new(&self.inner.device, "read-back", bytes.len() as u64, MemoryLocation::GpuToCpu)?;
+            let staging = BufferInner::new(&self.inner.device, "read-back", bytes.len() as u64, Purpose::ReadBack)?;
             let staging = Arc::new(staging);
             self.inner.device.copy_now(&self.inner, offset as u64, &staging, 0, bytes.len() as u64)?;
             let source = staging.mapped().ok_or_else(|| unmapped(&staging))?;
@@ -251,7 +275,7 @@ impl<T: Element> Buffer<T> {
             // are waited for, so the device does not use it now.
             unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), target.add(offset), bytes.len()) };
         } else if !bytes.is_empty() {
-            let staging = BufferInner::new(&self.inner.device, "upload", bytes.len() as u64, MemoryLocation::CpuToGpu)?;
+            let staging = BufferInner::new(&self.inner.device, "upload", bytes.len() as u64, Purpose::Upload)?;
             let target = staging.mapped().ok_or_else(|| unmapped(&staging))?;
             // SAFETY: `staging` is at least `bytes.len()` long and not yet used by the device.
             unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), target, bytes.len()) };

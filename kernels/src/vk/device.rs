@@ -72,13 +72,25 @@ pub struct DeviceInfo {
     pub timestamp_period_ns: f32,
 }
 
-/// Device memory in buffers, in bytes.
+/// Device memory in buffers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MemoryUse {
-    /// In use now.
+    /// Bytes in use now.
     pub live_bytes: u64,
     /// Largest value of `live_bytes` so far.
     pub peak_bytes: u64,
+    /// Allocations made so far, freed ones among them.
+    pub allocations: u64,
+}
+
+/// How the host reaches the memory of buffers that kernels work in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HostAccess {
+    /// Directly where the driver maps it, through staging memory elsewhere.
+    Mapped,
+    /// Through staging memory always, as on cards whose memory the host cannot see. Slower; for finding out on any
+    /// machine what such a card would do.
+    Staged,
 }
 
 /// An open Vulkan device; cheap to clone.
@@ -94,6 +106,7 @@ impl std::fmt::Debug for Device {
 pub(super) struct DeviceInner {
     pub(super) raw: ash::Device,
     pub(super) info: DeviceInfo,
+    pub(super) host_access: HostAccess,
     pub(super) queue_family: u32,
     pub(super) pipelines: PipelineCache,
     pub(super) slots: Mutex<Vec<Slot>>,
@@ -121,12 +134,14 @@ impl Instance {
         let application = vk::ApplicationInfo::default().application_name(c"guard4d").api_version(vk::API_VERSION_1_2);
         let enables = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
         let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enables);
+        // Hears what is said while the instance is made and destroyed, when no messenger exists.
+        let mut early = messenger_info();
         let mut info = vk::InstanceCreateInfo::default()
             .application_info(&application)
             .enabled_layer_names(&layers)
             .enabled_extension_names(&extensions);
         if validation {
-            info = info.push_next(&mut features);
+            info = info.push_next(&mut features).push_next(&mut early);
         }
         // SAFETY: every pointer in `info` outlives the call.
         let raw = unsafe { entry.create_instance(&info, None) }
@@ -199,16 +214,20 @@ fn has_layer(entry: &ash::Entry) -> bool {
     layers.iter().any(|l| l.layer_name_as_c_str() == Ok(VALIDATION_LAYER))
 }
 
+fn messenger_info() -> vk::DebugUtilsMessengerCreateInfoEXT<'static> {
+    use vk::{DebugUtilsMessageSeverityFlagsEXT as Severity, DebugUtilsMessageTypeFlagsEXT as Kind};
+    vk::DebugUtilsMessengerCreateInfoEXT::default()
+        .message_severity(Severity::ERROR | Severity::WARNING)
+        .message_type(Kind::VALIDATION | Kind::PERFORMANCE | Kind::GENERAL)
+        .pfn_user_callback(Some(debug::on_message))
+}
+
 fn messenger(
     entry: &ash::Entry,
     instance: &ash::Instance,
 ) -> Result<(ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT), KernelError> {
-    use vk::{DebugUtilsMessageSeverityFlagsEXT as Severity, DebugUtilsMessageTypeFlagsEXT as Kind};
     let loader = ash::ext::debug_utils::Instance::new(entry, instance);
-    let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
-        .message_severity(Severity::ERROR | Severity::WARNING)
-        .message_type(Kind::VALIDATION | Kind::PERFORMANCE | Kind::GENERAL)
-        .pfn_user_callback(Some(debug::on_message));
+    let info = messenger_info();
     // SAFETY: the extension is enabled and the callback matches the required signature.
     let messenger =
         check("vkCreateDebugUtilsMessengerEXT", unsafe { loader.create_debug_utils_messenger(&info, None) })?;
@@ -230,6 +249,14 @@ impl Device {
     /// [`KernelError::NoDriver`], [`KernelError::NoDevice`], or [`KernelError::Unsuitable`] when
     /// the device lacks subgroups of at least eight lanes with shuffles.
     pub fn open(select: &DeviceSelect) -> Result<Self, KernelError> {
+        Self::open_with(select, HostAccess::Mapped)
+    }
+
+    /// The same with a choice of how the host reaches its memory.
+    ///
+    /// # Errors
+    /// As [`Device::open`].
+    pub fn open_with(select: &DeviceSelect, host_access: HostAccess) -> Result<Self, KernelError> {
         let instance = Instance::new()?;
         let (handles, infos): (Vec<_>, Vec<_>) = instance.devices()?.into_iter().unzip();
         if infos.is_empty() {
@@ -242,12 +269,13 @@ impl Device {
         let raw = instance.create_device(physical, queue_family)?;
         // SAFETY: the family was requested with one queue.
         let queue = unsafe { raw.get_device_queue(queue_family, 0) };
-        let memory = Memory::new(&instance.raw, &raw, physical)?;
+        let memory = Memory::new(&instance.raw, &raw, physical, info.kind)?;
         let names = instance.messenger.is_some().then(|| ash::ext::debug_utils::Device::new(&instance.raw, &raw));
-        tracing::debug!(device = info.name, driver = info.driver, "opened");
+        tracing::debug!(device = info.name, driver = info.driver, validated = names.is_some(), "opened");
         Ok(Self(Arc::new(DeviceInner {
             raw,
             info,
+            host_access,
             queue_family,
             pipelines: PipelineCache::default(),
             slots: Mutex::default(),
@@ -264,7 +292,7 @@ impl Device {
         &self.0.info
     }
 
-    /// Device memory in buffers: now and at the peak.
+    /// Device memory in buffers: now, at the peak, and how often some was taken.
     #[must_use]
     pub fn memory_use(&self) -> MemoryUse {
         self.0.memory().used()
@@ -278,6 +306,19 @@ impl Device {
 
     pub(super) fn inner(&self) -> &Arc<DeviceInner> {
         &self.0
+    }
+
+    /// Says `text` as an error, the way a validation layer does; for trying who listens. Nobody hears it where no layer
+    /// watches.
+    #[cfg(feature = "validation")]
+    pub fn say_error(&self, text: &CStr) {
+        let Some((loader, _)) = &self.0.instance.messenger else { return };
+        let data = vk::DebugUtilsMessengerCallbackDataEXT::default().message(text);
+        let severity = vk::DebugUtilsMessageSeverityFlagsEXT::ERROR;
+        // SAFETY: the extension is enabled and `text` outlives the call.
+        unsafe {
+            loader.submit_debug_utils_message(severity, vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION, &data);
+        }
     }
 }
 

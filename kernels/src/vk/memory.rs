@@ -2,13 +2,63 @@
 
 use ash::vk;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
-use gpu_allocator::{AllocationSizes, AllocatorDebugSettings, MemoryLocation};
+use gpu_allocator::{AllocationError, AllocationSizes, AllocatorDebugSettings, MemoryLocation};
 
-use super::device::MemoryUse;
+use super::device::{DeviceKind, MemoryUse};
 use crate::error::KernelError;
+
+/// Buffers that an allocation error names: those that hold the most.
+const NAMED_IN_ERRORS: usize = 3;
+
+/// What a buffer is for, which decides where it lives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Purpose {
+    /// Kernels read and write it.
+    Work,
+    /// The host writes it once, the device copies from it once.
+    Upload,
+    /// The device copies into it, the host reads it.
+    ReadBack,
+}
+
+/// Memory types for the buffers that kernels work on, as masks over `types`; the first that fits is taken, the next
+/// when it is full.
+///
+/// Where device and processor share one memory, it should be mapped: the host then reads and writes it in place, without
+/// a second buffer and a submission. It should be cached too, or host reads go to memory word by word. A card's mapped
+/// memory lies behind the bus, where the host reads slower than the card copies; so on a card it comes last.
+#[must_use]
+pub fn work_memory(types: &[vk::MemoryType], kind: DeviceKind) -> Vec<u32> {
+    use vk::MemoryPropertyFlags as Property;
+    let mapped = Property::DEVICE_LOCAL | Property::HOST_VISIBLE | Property::HOST_COHERENT;
+    let known = mapped | Property::HOST_CACHED;
+    let is_local = |t: &&vk::MemoryType| t.property_flags.contains(Property::DEVICE_LOCAL);
+    let is_shared = match kind {
+        DeviceKind::Cpu | DeviceKind::Integrated => true,
+        DeviceKind::Discrete => false,
+        DeviceKind::Virtual | DeviceKind::Other => types
+            .iter()
+            .filter(is_local)
+            .all(|local| types.iter().any(|t| t.heap_index == local.heap_index && t.property_flags.contains(mapped))),
+    };
+    // What has further properties, such as protected memory, is for those who ask for them.
+    let wanted = if is_shared { vec![known, mapped, Property::DEVICE_LOCAL] } else { vec![Property::DEVICE_LOCAL] };
+    let exactly = |want: Property| mask(types, |t| t.property_flags == want);
+    let mut masks: Vec<u32> = wanted.into_iter().map(exactly).collect();
+    let taken = masks.iter().fold(0, |all, m| all | m);
+    masks.push(mask(types, |t| is_local(&t)) & !taken);
+    masks.retain(|m| *m != 0);
+    masks
+}
+
+fn mask(types: &[vk::MemoryType], fits: impl Fn(&vk::MemoryType) -> bool) -> u32 {
+    (0..).zip(types).filter(|(_, t)| fits(t)).fold(0, |mask, (i, _): (u32, _)| mask | 1 << i)
+}
 
 pub(super) struct Memory {
     allocator: Allocator,
+    /// See [`work_memory`].
+    work: Vec<u32>,
     used: MemoryUse,
 }
 
@@ -17,7 +67,11 @@ impl Memory {
         instance: &ash::Instance,
         device: &ash::Device,
         physical_device: vk::PhysicalDevice,
+        kind: DeviceKind,
     ) -> Result<Self, KernelError> {
+        // SAFETY: the physical device belongs to the instance.
+        let properties = unsafe { instance.get_physical_device_memory_properties(physical_device) };
+        let work = work_memory(properties.memory_types_as_slice(), kind);
         let allocator = Allocator::new(&AllocatorCreateDesc {
             instance: instance.clone(),
             device: device.clone(),
@@ -27,32 +81,52 @@ impl Memory {
             allocation_sizes: AllocationSizes::default(),
         })
         .map_err(|e| KernelError::Allocation { name: "allocator".into(), bytes: 0, reason: e.to_string() })?;
-        Ok(Self { allocator, used: MemoryUse::default() })
+        Ok(Self { allocator, work, used: MemoryUse::default() })
     }
 
     pub(super) fn allocate(
         &mut self,
         name: &str,
         requirements: vk::MemoryRequirements,
-        location: MemoryLocation,
+        purpose: Purpose,
     ) -> Result<Allocation, KernelError> {
-        let allocation = self
-            .allocator
-            .allocate(&AllocationCreateDesc {
-                name,
-                requirements,
-                location,
-                linear: true,
-                allocation_scheme: AllocationScheme::GpuAllocatorManaged,
-            })
-            .map_err(|e| KernelError::Allocation {
-                name: name.to_owned(),
-                bytes: requirements.size,
-                reason: e.to_string(),
-            })?;
-        self.used.live_bytes += allocation.size();
-        self.used.peak_bytes = self.used.peak_bytes.max(self.used.live_bytes);
-        Ok(allocation)
+        let (location, masks) = match purpose {
+            Purpose::Work => (MemoryLocation::GpuOnly, self.work.as_slice()),
+            Purpose::Upload => (MemoryLocation::CpuToGpu, [u32::MAX].as_slice()),
+            Purpose::ReadBack => (MemoryLocation::GpuToCpu, [u32::MAX].as_slice()),
+        };
+        let mut refused = AllocationError::NoCompatibleMemoryTypeFound;
+        for memory_type_bits in masks.iter().map(|mask| mask & requirements.memory_type_bits).filter(|bits| *bits != 0)
+        {
+            let requirements = vk::MemoryRequirements { memory_type_bits, ..requirements };
+            let allocation_scheme = AllocationScheme::GpuAllocatorManaged;
+            let request = AllocationCreateDesc { name, requirements, location, linear: true, allocation_scheme };
+            match self.allocator.allocate(&request) {
+                Ok(allocation) => {
+                    self.used.allocations += 1;
+                    self.used.live_bytes += allocation.size();
+                    self.used.peak_bytes = self.used.peak_bytes.max(self.used.live_bytes);
+                    return Ok(allocation);
+                }
+                Err(why) => refused = why,
+            }
+        }
+        Err(self.refusal(name, requirements.size, &refused.to_string()))
+    }
+
+    /// The error for a buffer that got no memory, with the buffers that hold the most of it.
+    pub(super) fn refusal(&self, name: &str, bytes: u64, why: &str) -> KernelError {
+        let mut held = self.allocator.generate_report().allocations;
+        held.sort_by_key(|a| std::cmp::Reverse(a.size));
+        let most = held.iter().take(NAMED_IN_ERRORS).map(|a| format!("`{}` {}", a.name, a.size));
+        let most = most.collect::<Vec<_>>().join(", ");
+        let reason = format!(
+            "{why}; {} buffers hold {} bytes, most of them: {}",
+            held.len(),
+            self.used.live_bytes,
+            if most.is_empty() { "none" } else { &most }
+        );
+        KernelError::Allocation { name: name.to_owned(), bytes, reason }
     }
 
     pub(super) fn free(&mut self, allocation: Allocation) {

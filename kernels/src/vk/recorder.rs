@@ -132,6 +132,9 @@ pub(super) struct Slot {
     commands: vk::CommandBuffer,
     fence: vk::Fence,
     queries: vk::QueryPool,
+    /// Queries, from the first on, that are not in their reset state. Few submissions use many, and under validation
+    /// layers a reset of all would take longer than most submissions.
+    unreset: u32,
     descriptors: Vec<vk::DescriptorPool>,
 }
 
@@ -148,7 +151,7 @@ impl Slot {
             let info =
                 vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(TIMED_PASSES + 1);
             let queries = check("vkCreateQueryPool", raw.create_query_pool(&info, None))?;
-            Ok(Self { pool, commands, fence, queries, descriptors: Vec::new() })
+            Ok(Self { pool, commands, fence, queries, unreset: TIMED_PASSES + 1, descriptors: Vec::new() })
         }
     }
 
@@ -204,7 +207,7 @@ impl Recorder {
                 check("vkResetDescriptorPool", raw.reset_descriptor_pool(pool, vk::DescriptorPoolResetFlags::empty()))?;
             }
             check("vkBeginCommandBuffer", raw.begin_command_buffer(slot.commands, &info))?;
-            raw.cmd_reset_query_pool(slot.commands, slot.queries, 0, TIMED_PASSES + 1);
+            raw.cmd_reset_query_pool(slot.commands, slot.queries, 0, slot.unreset);
             raw.cmd_write_timestamp(slot.commands, vk::PipelineStageFlags::TOP_OF_PIPE, slot.queries, 0);
         }
         Ok(Self {
@@ -326,12 +329,20 @@ impl Recorder {
         self.end_pass("copy");
     }
 
+    /// Forgets what earlier passes touched, so that the next one gets no barrier: a fault on purpose, for trying whether
+    /// the validation layers see it.
+    #[cfg(feature = "validation")]
+    pub fn forget_accesses(&mut self) {
+        self.unsynced_reads.clear();
+        self.unsynced_writes.clear();
+    }
+
     /// Runs what was recorded, waits for it, and returns the device time of each pass.
     ///
     /// # Errors
     /// [`KernelError::DeviceLost`] naming the last pass that finished.
     pub fn submit(mut self) -> Result<Timings, KernelError> {
-        let slot = self.slot.take().expect("only submit and drop take the slot");
+        let mut slot = self.slot.take().expect("only submit and drop take the slot");
         let barrier = [vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE)
             .dst_access_mask(vk::AccessFlags::HOST_READ)];
@@ -350,9 +361,12 @@ impl Recorder {
         };
         let done = ended.and_then(|()| self.device.submit_and_wait(slot.commands, slot.fence));
         let result = match done {
-            Ok(()) => self.timings(&slot),
+            Ok(()) => {
+                slot.unreset = u32::try_from(self.timed() + 1).unwrap_or(TIMED_PASSES + 1);
+                self.timings(&slot)
+            }
             Err(KernelError::DeviceLost { .. }) => {
-                Err(KernelError::DeviceLost { last_pass: self.last_finished(&slot).to_owned() })
+                Err(KernelError::DeviceLost { last_pass: self.last_finished(&slot) })
             }
             Err(other) => Err(other),
         };
@@ -376,14 +390,14 @@ impl Recorder {
         Ok(Timings { passes: self.passes.iter().zip(times).map(|(&name, time)| PassTime { name, time }).collect() })
     }
 
-    /// Name of the last pass whose timestamp arrived, for the report of a lost device.
-    fn last_finished(&self, slot: &Slot) -> &'static str {
+    /// The last pass whose timestamp arrived, for the report of a lost device.
+    fn last_finished(&self, slot: &Slot) -> String {
         let mut results = vec![[0u64; 2]; self.timed() + 1];
         let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WITH_AVAILABILITY;
         // SAFETY: the query pool is alive; on a lost device the call returns what is there.
         let _ = unsafe { self.device.raw.get_query_pool_results(slot.queries, 0, &mut results, flags) };
-        let finished = results.iter().skip(1).take_while(|r| r[1] != 0).count();
-        finished.checked_sub(1).and_then(|i| self.passes.get(i)).copied().unwrap_or("none")
+        let available: Vec<u64> = results.iter().map(|result| result[1]).collect();
+        last_finished(&available, &self.passes)
     }
 
     fn slot(&self) -> &Slot {
@@ -498,6 +512,20 @@ impl Drop for Recorder {
             self.device.slots.lock().expect("no panic happens while slots are locked").push(slot);
         }
     }
+}
+
+/// The last of `passes` that finished, by the availability words of the timestamps: one from before the first pass, then
+/// one from after each pass that is timed. Passes run in order, so the first word that is zero ends the search.
+#[must_use]
+pub fn last_finished(available: &[u64], passes: &[&str]) -> String {
+    let timed = available.len().saturating_sub(1);
+    let finished = available.iter().skip(1).take_while(|word| **word != 0).count();
+    let Some(name) = finished.checked_sub(1).and_then(|last| passes.get(last)) else { return "none".to_owned() };
+    let place = format!("`{name}`, pass {finished} of {}", passes.len());
+    if finished == timed && timed < passes.len() {
+        return format!("{place}, or one after it: later passes have no timestamp");
+    }
+    place
 }
 
 fn value_bytes<T: Element>(value: T) -> [u8; 4] {

@@ -1,4 +1,4 @@
-"""Writes tests/golden/clip_vit_b32.safetensors: a ViT-B/32-shaped CLIP image tower with formula weights.
+"""Writes tests/golden/clip_vit_b32.safetensors: ViT-B/32-shaped CLIP towers with formula weights.
 
 The weights are too large for the repository, so every tensor is computed from its name by `formula`; the Rust test
 computes the same ones. Run in this folder:
@@ -17,10 +17,10 @@ BATCH, SIDE = 2, 224
 # Entries of the pixel gradient that are kept; 7 is coprime to the patch side, so every place in a patch occurs.
 STEP, ROW, COLUMN = 7, 3, 5
 
-TEXT = {
-    "vocab_size": 8, "hidden_size": 8, "intermediate_size": 8, "num_hidden_layers": 1,
-    "num_attention_heads": 1, "max_position_embeddings": 4, "bos_token_id": 6, "eos_token_id": 7, "pad_token_id": 0,
-}
+# Sizes are transformers' defaults, which are ViT-B/32's, except for a small vocabulary: its table would dwarf the tower.
+TEXT = {"vocab_size": 64, "bos_token_id": 62, "eos_token_id": 63, "pad_token_id": 0}
+# Tokens of each text with begin and end; the rest of its 77 places is padding.
+TEXT_LENGTHS, PLACES = (18, 50), 77
 
 
 def formula(name, count):
@@ -49,6 +49,34 @@ def weight(name, shape):
     return values.astype(np.float32).reshape(shape)
 
 
+def images(model):
+    """Features of two images, and the pixel gradient of a weighted sum of them."""
+    pixels = 2.0 * formula("pixel_values", BATCH * 3 * SIDE * SIDE).reshape(BATCH, 3, SIDE, SIDE)
+    pixels = torch.from_numpy(pixels.astype(np.float32)).double().requires_grad_()
+    v_features = torch.from_numpy(formula("v_features", BATCH * 512).astype(np.float32)).double().reshape(BATCH, 512)
+    pooled = model.vision_model(pixel_values=pixels).pooler_output
+    embeds = model.visual_projection(pooled)
+    features = embeds / embeds.norm(dim=-1, keepdim=True)
+    (features * v_features).sum().backward()
+    v_pixels = pixels.grad
+    return {
+        "embeds": embeds, "features": features, "v_pixels_kept": v_pixels[:, :, ROW::STEP, COLUMN::STEP],
+        "v_pixels_norm": v_pixels.flatten(1).norm(dim=1),
+    }
+
+
+def texts(model):
+    """Features of two texts of different lengths, padded as tokenizers pad."""
+    begin, end, pad = TEXT["bos_token_id"], TEXT["eos_token_id"], TEXT["pad_token_id"]
+    rows = []
+    for number, length in enumerate(TEXT_LENGTHS):
+        inner = 1 + np.floor((formula(f"input_ids.{number}", length - 2) + 1.0) / 2.0 * (begin - 1)).astype(np.int64)
+        rows.append([begin, *inner, end] + [pad] * (PLACES - length))
+    ids = torch.tensor(rows)
+    embeds = model.text_projection(model.text_model(input_ids=ids).pooler_output)
+    return {"input_ids": ids, "text_embeds": embeds, "text_features": embeds / embeds.norm(dim=-1, keepdim=True)}
+
+
 def main():
     torch.set_num_threads(1)
     config = CLIPConfig(text_config=TEXT, vision_config={}, projection_dim=512, attn_implementation="eager")
@@ -58,22 +86,11 @@ def main():
     missing = set(model.state_dict()) - set(state)
     assert all("position_ids" in key for key in missing), missing
     model = model.double()
-    pixels = 2.0 * formula("pixel_values", BATCH * 3 * SIDE * SIDE).reshape(BATCH, 3, SIDE, SIDE)
-    pixels = torch.from_numpy(pixels.astype(np.float32)).double().requires_grad_()
-    v_features = torch.from_numpy(formula("v_features", BATCH * 512).astype(np.float32)).double().reshape(BATCH, 512)
-    pooled = model.vision_model(pixel_values=pixels).pooler_output
-    embeds = model.visual_projection(pooled)
-    features = embeds / embeds.norm(dim=-1, keepdim=True)
-    (features * v_features).sum().backward()
-    v_pixels = pixels.grad
-    kept = v_pixels[:, :, ROW::STEP, COLUMN::STEP]
-    out = {
-        "embeds": embeds, "features": features, "v_pixels_kept": kept,
-        "v_pixels_norm": v_pixels.flatten(1).norm(dim=1),
-    }
-    out = {k: np.ascontiguousarray(v.detach().numpy().astype(np.float32)) for k, v in out.items()}
-    for name, value in out.items():
-        print(name, value.shape, float(np.abs(value).max()))
+    out = {}
+    for name, value in {**images(model), **texts(model)}.items():
+        kind = np.float32 if value.is_floating_point() else np.int64
+        out[name] = np.ascontiguousarray(value.detach().numpy().astype(kind))
+        print(name, value.shape, float(np.abs(out[name]).max()))
     save_file(out, Path(__file__).parents[1] / "clip_vit_b32.safetensors")
 
 

@@ -10,9 +10,10 @@ MAX_BYTES = 256 * 1024
 
 
 def save(name, tensors):
-    """Writes tests/golden/<name>.safetensors in f32."""
+    """Writes tests/golden/<name>.safetensors: floats in f32, integers as they are."""
     path = FOLDER / f"{name}.safetensors"
-    save_file({key: t.detach().to(torch.float32).contiguous() for key, t in tensors.items()}, path)
+    as_stored = {key: t.detach().float() if t.is_floating_point() else t for key, t in tensors.items()}
+    save_file({key: t.contiguous() for key, t in as_stored.items()}, path)
     size = path.stat().st_size
     assert size <= MAX_BYTES, f"{path} has {size} bytes, more than {MAX_BYTES}"
     print(f"{path.name}: {size} bytes, torch {torch.__version__}")

@@ -7,6 +7,7 @@ use guard4d_kernels::{Device, KernelError};
 use crate::support::close::assert_close;
 use crate::support::gpu::device;
 use crate::support::gradcheck::gradcheck;
+use crate::support::poison;
 use crate::support::random::Random;
 
 const OBJECTIVES: [Objective; 5] = [
@@ -81,14 +82,41 @@ fn gpu_matches_the_twin_for_shared_and_own_targets() {
 }
 
 #[test]
+fn poison_spreads_as_in_the_twin() {
+    let Some(gpu) = device() else { return };
+    let (shape, target) = (Groups { groups: 2, rows: 1, bits: 4 }, [0.0, 1.0, 1.0, 0.0]);
+    // Wrong answers make the hinge idle, right ones active.
+    for clean in [[-1.0, 0.5, 2.0, -0.7, 1.5, -0.2, -1.0, 0.3], [0.5, -1.0, 0.5, 0.2, -1.5, 0.2, 1.0, -0.3]] {
+        for objective in OBJECTIVES {
+            let on_gpu = |x: &[f32]| {
+                let (value, v_logits) = run(&gpu, objective, shape, x, &target).expect("runs");
+                [value, v_logits].concat()
+            };
+            let on_host = |x: &[f32]| {
+                let groups = || x.chunks_exact(4);
+                let values = groups().map(|x| twin::forward(objective, x, &target));
+                values.chain(groups().flat_map(|x| twin::backward(objective, 0.7, x, &target))).collect::<Vec<f32>>()
+            };
+            // As above. A logit of each target.
+            let reach = poison::spread(&clean, &[4, 6], (1e-6, 1e-4), on_gpu, on_host);
+            // The value and the own slope; the inverse's slopes all depend on the value, the hinge's idle ones do not.
+            let want = if matches!(objective, Objective::InverseBce { .. }) { 5 } else { 2 };
+            assert_eq!(reach, [want; 2], "{objective:?}");
+        }
+        let hinge = Objective::Hinge { eps: 0.1 };
+        assert!(hinge.loss(f32::NAN).is_nan() && twin::loss(hinge, f32::NAN).is_nan(), "a NaN value is no loss");
+    }
+}
+
+#[test]
 fn extreme_logits_stay_finite_and_poison_shows() {
     let Some(gpu) = device() else { return };
     let shape = Groups { groups: 2, rows: 1, bits: 4 };
     let logits = [80.0, -80.0, 1e-40, 0.0, f32::NAN, 1.0, f32::INFINITY, -1.0];
-    for objective in [Objective::Bce, Objective::InverseBce { eps: 0.1 }, Objective::Margin { margin: 2.0 }] {
+    for objective in OBJECTIVES {
         let (value, v_logits) = run(&gpu, objective, shape, &logits, &[0.0, 1.0, 1.0, 0.0]).expect("runs");
         assert!(value[0].is_finite() && v_logits[..4].iter().all(|v| v.is_finite()), "{objective:?}: {v_logits:?}");
-        assert!(!value[1].is_finite() && v_logits[4].is_nan(), "{objective:?} hides a NaN: {value:?} {v_logits:?}");
+        assert!(value[1].is_nan() && v_logits[4].is_nan(), "{objective:?} hides a NaN: {value:?} {v_logits:?}");
     }
 }
 

@@ -10,6 +10,7 @@ use super::{run, term, upload};
 use crate::support::close::assert_close;
 use crate::support::gpu::{Gpu, device};
 use crate::support::gradcheck::gradcheck;
+use crate::support::poison;
 use crate::support::random::Random;
 
 const BLOCKS: Blocks = Blocks { bases: OffsetBases::All, degree: 3, dc: 1.5, rest: 0.25 };
@@ -63,11 +64,17 @@ fn gpu_follows_the_twin() {
 #[test]
 fn poison_shows_and_wrong_shapes_are_refused() {
     let Some(gpu) = device() else { return };
-    let mut data = vec![0.1; 96];
-    data[50] = f32::NAN;
-    data[60] = 1e-40;
-    let (value, v_offsets) = on_gpu(&gpu, BLOCKS, &data, Accumulate::Overwrite);
-    assert!(value.is_nan() && v_offsets[50].is_nan() && v_offsets[60].is_finite(), "{value}");
+    let clean = Random(3).vec_f32(96, -1.0, 1.0);
+    let on_gpu = |data: &[f32]| {
+        let (value, v_offsets) = on_gpu(&gpu, BLOCKS, data, Accumulate::Overwrite);
+        [vec![value], v_offsets].concat()
+    };
+    let on_host = |data: &[f32]| {
+        let (value, grad) = twin::step(data, (48, 45), BLOCKS.dc, BLOCKS.rest);
+        [vec![value], grad.iter().map(|g| 10.0 * g).collect()].concat()
+    };
+    // As above: the value and the own slope, of a DC term and of another.
+    assert_eq!(poison::spread(&clean, &[49, 60], (1e-6, 1e-5), on_gpu, on_host), [2, 2], "value and slope");
     let (odd, mut v_odd) = (upload(&gpu, &[0.0; 52]), upload(&gpu, &[0.0; 52]));
     let mut values = upload(&gpu, &[0.0; 2]);
     let mut scratch = SumScratch::new(&gpu, 13).expect("scratch");

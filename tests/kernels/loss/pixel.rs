@@ -11,6 +11,7 @@ use super::{run, term, upload};
 use crate::support::close::assert_close;
 use crate::support::gpu::{Gpu, device};
 use crate::support::gradcheck::gradcheck;
+use crate::support::poison;
 use crate::support::random::Random;
 
 #[test]
@@ -51,6 +52,23 @@ fn on_gpu(
     ([values[1], values[2]], v_image.read().expect("read"))
 }
 
+/// The same by the twin.
+fn on_host(
+    (image, reference): (&[f32], &[f32]),
+    weights: PixelWeights,
+    num_px: usize,
+    accumulate: Accumulate,
+) -> ([f32; 2], Vec<f32>) {
+    let seen = (&image[12..(num_px + 3) * 4], &reference[4..(num_px + 1) * 4]);
+    let (values, grad) = twin::step(seen.0, seen.1, [weights.square, weights.absolute]);
+    let before = if accumulate == Accumulate::Add { 0.5 } else { 0.0 };
+    let mut full = vec![0.5; image.len()];
+    for (i, g) in grad.iter().enumerate() {
+        full[12 + i] = if i % 4 < 3 { before + 2.0 * g } else { 0.0 };
+    }
+    (values, full)
+}
+
 #[test]
 fn gpu_follows_the_twin() {
     let Some(gpu) = device() else { return };
@@ -64,16 +82,11 @@ fn gpu_follows_the_twin() {
         for (square, absolute, accumulate) in
             [(0.0, 1.0, Accumulate::Overwrite), (1.0, 0.0, Accumulate::Overwrite), (0.7, 0.4, Accumulate::Add)]
         {
-            let (want, grad) = twin::step(&image[12..(n + 3) * 4], &reference[4..], [square, absolute]);
             let weights = PixelWeights { square, absolute };
             let (values, v_image) = on_gpu(&gpu, (&image, &reference), weights, n, accumulate);
+            let (want, full) = on_host((&image, &reference), weights, n, accumulate);
             // A sum of n terms below 1 in another order, divided by n.
             assert_close(&values, &if n == 0 { [0.0; 2] } else { want }, 1e-6, 1e-5);
-            let before = if accumulate == Accumulate::Add { 0.5 } else { 0.0 };
-            let mut full = vec![0.5; image.len()];
-            for (i, g) in grad.iter().enumerate() {
-                full[12 + i] = if i % 4 < 3 { before + 2.0 * g } else { 0.0 };
-            }
             assert_close(&v_image, &full, 1e-7, 1e-6);
         }
     }
@@ -83,12 +96,20 @@ fn gpu_follows_the_twin() {
 fn poison_shows_and_wrong_shapes_are_refused() {
     let Some(gpu) = device() else { return };
     let both = PixelWeights { square: 1.0, absolute: 1.0 };
-    let mut image = vec![0.25; 40];
-    image[20] = f32::NAN;
-    image[17] = 1e-40;
-    let (values, v_image) = on_gpu(&gpu, (&image, &[0.5; 40]), both, 7, Accumulate::Overwrite);
-    assert!(values.iter().all(|v| v.is_nan()) && v_image[20].is_nan(), "a NaN is not hidden: {values:?}");
-    assert!(v_image.iter().enumerate().all(|(i, v)| i == 20 || v.is_finite()), "the others are untouched: {v_image:?}");
+    let clean = Random(5).vec_f32(80, 0.0, 1.0);
+    let split = |data: &[f32]| (data[..40].to_vec(), data[40..].to_vec());
+    let joined = |(values, v_image): ([f32; 2], Vec<f32>)| [values.to_vec(), v_image].concat();
+    let on_gpu = |data: &[f32]| {
+        let (image, reference) = split(data);
+        joined(on_gpu(&gpu, (&image, &reference), both, 7, Accumulate::Overwrite))
+    };
+    let on_host = |data: &[f32]| {
+        let (image, reference) = split(data);
+        joined(on_host((&image, &reference), both, 7, Accumulate::Overwrite))
+    };
+    // Both values and the own slope; fourth channels and pixels outside the range are not read.
+    let reach = poison::spread(&clean, &[20, 19, 9, 40 + 5, 40 + 7, 40 + 33], (1e-6, 1e-5), on_gpu, on_host);
+    assert_eq!(reach, [3, 0, 0, 3, 0, 0], "image, then reference");
 
     let (x, mut v_x) = (upload(&gpu, &[0.0; 40]), upload(&gpu, &[0.0; 40]));
     let mut values = upload(&gpu, &[0.0; 3]);

@@ -11,6 +11,7 @@ use crate::support::close::{assert_close, cosine};
 use crate::support::golden::Golden;
 use crate::support::gpu::{Gpu, device};
 use crate::support::gradcheck::gradcheck;
+use crate::support::poison;
 use crate::support::random::Random;
 
 #[test]
@@ -154,6 +155,29 @@ fn poison_shows_within_two_windows() {
         let near = i % 4 == 1 && row.abs_diff(32) <= 10 && column.abs_diff(32) <= 10;
         assert_eq!(v.is_nan(), near, "row {row}, column {column}, channel {}: {v}", i % 4);
     }
+}
+
+#[test]
+fn poison_spreads_as_in_the_twin() {
+    let Some(gpu) = device() else { return };
+    let [height, width] = [25, 27];
+    let split = height * width * 4;
+    let clean = Random(6).vec_f32(2 * split, 0.0, 1.0);
+    let on_gpu = |data: &[f32]| {
+        let (value, v_x) = on_gpu(&gpu, [height, width], &data[..split], &data[split..], Accumulate::Overwrite);
+        [vec![value], v_x].concat()
+    };
+    let on_host = |data: &[f32]| {
+        let (value, grad) = twin::step(&data[..split], &data[split..], height, width);
+        [vec![value], grad].concat()
+    };
+    let largest = on_host(&clean)[1..].iter().fold(0.0, |m: f32, g| m.max(g.abs()));
+    let at = (3 * width + 20) * 4 + 1;
+    // As at odd sizes.
+    let reach = poison::spread(&clean, &[at, at + 2, split + at], (largest * 1e-4, 1e-4), on_gpu, on_host);
+    // Two windows of 11 on either side, cut by the border.
+    let near = (3 + 1 + 10) * (10 + 1 + 6);
+    assert_eq!(reach, [1 + near, 0, 1 + near], "a colour of either image, and the fourth channel");
 }
 
 #[test]

@@ -7,6 +7,7 @@ use guard4d_kernels::reference::loss::sum as twin;
 use super::{run, upload};
 use crate::support::close::assert_close;
 use crate::support::gpu::device;
+use crate::support::poison;
 use crate::support::random::Random;
 
 #[test]
@@ -28,15 +29,20 @@ fn gpu_follows_the_twin_and_touches_one_slot() {
 #[test]
 fn poison_shows_and_wrong_slots_are_refused() {
     let Some(gpu) = device() else { return };
-    for poison in [f32::NAN, f32::INFINITY] {
-        let partial = upload(&gpu, &[1.0, poison, 2.0]);
-        let mut values = upload(&gpu, &[0.0]);
-        run(&gpu, |rec| finish(rec, (&partial, 0..3), 1.0, (&mut values, 0)));
-        assert!(!values.read().expect("read")[0].is_finite(), "{poison} is not hidden");
-        let mut rec = gpu.recorder().expect("recorder");
-        let refused = finish(&mut rec, (&partial, 0..3), 1.0, (&mut values, 1));
-        assert!(matches!(refused, Err(KernelError::Shape { buffer: "values", .. })), "{refused:?}");
-        let refused = finish(&mut rec, (&partial, 1..4), 1.0, (&mut values, 0));
-        assert!(matches!(refused, Err(KernelError::Shape { buffer: "partial", .. })), "{refused:?}");
-    }
+    let clean = Random(2).vec_f32(130, -1.0, 1.0);
+    let on_gpu = |data: &[f32]| {
+        let (partial, mut values) = (upload(&gpu, data), upload(&gpu, &[7.0; 2]));
+        run(&gpu, |rec| finish(rec, (&partial, 1..129), 0.5, (&mut values, 1)));
+        values.read().expect("read")
+    };
+    let on_host = |data: &[f32]| vec![7.0, twin::finish(&data[1..129], 0.5)];
+    // Sums below 130 in another order. What lies outside the range is not read.
+    assert_eq!(poison::spread(&clean, &[0, 1, 128, 129], (2e-5, 0.0), on_gpu, on_host), [0, 1, 1, 0], "its slot");
+
+    let (partial, mut values) = (upload(&gpu, &[1.0; 3]), upload(&gpu, &[0.0]));
+    let mut rec = gpu.recorder().expect("recorder");
+    let refused = finish(&mut rec, (&partial, 0..3), 1.0, (&mut values, 1));
+    assert!(matches!(refused, Err(KernelError::Shape { buffer: "values", .. })), "{refused:?}");
+    let refused = finish(&mut rec, (&partial, 1..4), 1.0, (&mut values, 0));
+    assert!(matches!(refused, Err(KernelError::Shape { buffer: "partial", .. })), "{refused:?}");
 }

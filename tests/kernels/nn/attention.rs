@@ -10,6 +10,7 @@ use super::{dot, run, unwritten, upload};
 use crate::support::close::assert_close;
 use crate::support::gpu::device;
 use crate::support::gradcheck::gradcheck;
+use crate::support::poison;
 use crate::support::random::Random;
 
 const fn shape(batch: usize, heads: usize, head_dim: usize, tokens: usize, mask: Mask) -> AttentionShape {
@@ -121,14 +122,48 @@ fn large_scores_do_not_overflow() {
 }
 
 #[test]
-fn poison_in_one_query_stays_in_its_row() {
+fn poison_reaches_what_attends_to_it() {
     let Some(gpu) = device() else { return };
-    let s = shape(1, 1, 8, 18, Mask::Full);
-    let mut qkv = Random(29).vec_f32(18 * 24, -1.0, 1.0);
-    qkv[17 * 24 + 2] = f32::NAN;
-    let [attn, ..] = run_fused(&gpu, &s, &qkv, &[1.0; 18 * 8]);
-    assert!(attn[..17 * 8].iter().all(|v| v.is_finite()), "other queries");
-    assert!(attn[17 * 8..].iter().all(|v| v.is_nan()), "the poisoned query");
+    let (tokens, width) = (18, 8);
+    let clean = Random(29).vec_f32(tokens * 4 * width, -1.0, 1.0);
+    let at = |token: usize, part: usize| token * 3 * width + part * width + 2;
+    let v_attn = tokens * 3 * width;
+    // Query, key and value behind the first tile, a key and a value inside it, the gradient of a late and of an early query.
+    let places = [at(17, 0), at(17, 1), at(17, 2), at(5, 1), at(5, 2), v_attn + 17 * width + 2, v_attn + 3 * width + 2];
+    let all = tokens * width;
+    // attn and lse, then v_q, v_k, v_v.
+    let full = [
+        width + 1 + width + all + all,
+        all + tokens + 3 * all,
+        tokens + all + all,
+        all + tokens + 3 * all,
+        tokens + all + all,
+        width + all + tokens,
+        width + all + tokens,
+    ];
+    // The last token is seen by itself only, token 5 by 13 queries; query 3 sees four keys.
+    let rows = |n: usize| n * width;
+    let causal = [
+        width + 1 + width + all + all,
+        width + 1 + width + all + all,
+        1 + width + all,
+        rows(13) + 13 + rows(13) + all + all,
+        13 + rows(13) + all,
+        width + all + tokens,
+        width + rows(4) + 4,
+    ];
+    for (mask, want) in [(Mask::Full, full), (Mask::Causal, causal)] {
+        let s = shape(1, 1, width, tokens, mask);
+        let on_gpu = |data: &[f32]| run_fused(&gpu, &s, &data[..v_attn], &data[v_attn..]).concat();
+        let on_host = |data: &[f32]| {
+            let inputs = twin::fused(&s, &data[..v_attn]);
+            let (attn, lse) = twin::forward(&s, &inputs);
+            let (v_q, v_kv) = twin::backward(&s, &inputs, &data[v_attn..]);
+            [attn, lse, v_q.iter().zip(&v_kv).map(|(a, b)| a + b).collect()].concat()
+        };
+        // As above, with fewer terms.
+        assert_eq!(poison::spread(&clean, &places, (5e-5, 2e-5), on_gpu, on_host), want, "{mask:?}");
+    }
 }
 
 #[test]
@@ -148,7 +183,5 @@ fn wrong_shapes_are_refused_and_empty_is_fine() {
         assert!(matches!(error, Err(KernelError::Shape { buffer, .. }) if buffer == name), "{name}: {error:?}");
     }
     let none = AttentionShape { batch: 0, ..s };
-    let (empty, mut out) = (upload(&gpu, &[]), unwritten(&gpu, 0));
-    let mut state = AttentionState::new(&gpu, "state", &none).expect("state");
-    run(&gpu, |rec| forward(rec, &none, Projections::Fused(&empty), &mut state, &mut out));
+    assert!(run_fused(&gpu, &none, &[], &[]).concat().is_empty(), "no image, no output, no gradient");
 }

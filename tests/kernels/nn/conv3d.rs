@@ -13,6 +13,7 @@ use crate::support::close::assert_close;
 use crate::support::golden::Golden;
 use crate::support::gpu::{Gpu, device};
 use crate::support::gradcheck::gradcheck;
+use crate::support::poison;
 use crate::support::random::Random;
 
 fn layer(shape: [usize; 3], channels: [usize; 2], time: Padding, space: Padding) -> Conv3d {
@@ -66,6 +67,26 @@ fn twin_gradients_match_differences() {
     }
 }
 
+#[test]
+fn twin_gradient_passes_the_relu_where_it_is_open() {
+    let conv = twin_of(&layer([2, 3, 2], [2, 2], Padding::Zero, Padding::Replicate));
+    let mut random = Random(8);
+    let (x, weight, bias) = (random.vec(24, -1.0, 1.0), random.vec(108, -1.0, 1.0), random.vec(2, -1.0, 1.0));
+    let v_y = random.vec(24, -1.0, 1.0);
+    let active = |x: &[f64]| {
+        let mut y = conv.forward(x, &weight, &bias);
+        twin::relu(&mut y);
+        y
+    };
+    let open = active(&x);
+    assert!(open.contains(&0.0) && open.iter().any(|v| *v > 0.0), "some are closed, some open: {open:?}");
+    let mut gated = v_y.clone();
+    twin::relu_backward(&open, &mut gated);
+    // Piecewise linear, and no sum lies within a step of the kink: only rounding of the difference remains.
+    let worst = gradcheck(|x| dot(&active(x), &v_y), &x, &conv.backward_input(&gated, &weight));
+    assert!(worst < 1e-6, "{worst}");
+}
+
 /// One layer with random data on both sides.
 struct Case {
     conv: Conv3d,
@@ -97,18 +118,19 @@ impl Case {
     }
 
     /// Output and gradients `[y, v_x, v_weight, v_bias]`; the weight gradient is added to `before`.
-    fn on_gpu(&self, gpu: &Gpu, gate: Option<&Buffer<f32>>, before: f32) -> [Vec<f32>; 4] {
+    fn on_gpu(&self, gpu: &Gpu, gate: Option<&[f32]>, before: f32) -> [Vec<f32>; 4] {
         let conv = &self.conv;
         let x = upload(gpu, &self.x);
         let weight = upload(gpu, &self.packed());
         let v_y = upload(gpu, &self.v_y);
+        let gate = gate.map(|gate| upload(gpu, gate));
         let mut y = unwritten(gpu, self.v_y.len());
         let mut v_x = unwritten(gpu, self.x.len());
         let mut v_weight = upload(gpu, &vec![before; conv.weight_len()]);
         let mut scratch = Conv3dScratch::new(gpu, conv).expect("scratch");
         run(gpu, |rec| {
             forward(rec, conv, &x, &weight, &mut y)?;
-            let from = InputGradient { v_y: &v_y, weight: &weight, gate };
+            let from = InputGradient { v_y: &v_y, weight: &weight, gate: gate.as_ref() };
             backward_input(rec, conv, from, &mut v_x, &mut scratch)?;
             let pass = WeightGradient { x: &x, v_y: &v_y, v_weight: &mut v_weight, accumulate: Accumulate::Add };
             backward_weight(rec, conv, pass, &mut scratch)
@@ -119,26 +141,30 @@ impl Case {
         [y.read().expect("read"), v_x.read().expect("read"), v_weight, v_bias]
     }
 
-    fn check(&self, gpu: &Gpu) {
-        let conv = &self.conv;
-        let reference = twin_of(conv);
-        let [y, v_x, v_weight, v_bias] = self.on_gpu(gpu, Some(&upload(gpu, &self.x)), 1.0);
-        let bias = if self.bias.is_empty() { vec![0.0; conv.out_channels] } else { self.bias.clone() };
-        let mut want = reference.forward(&self.x, &self.weight, &bias);
-        if conv.activation == Activation::Relu {
-            twin::relu(&mut want);
+    /// The same by the twin.
+    fn on_host(&self, gate: &[f32]) -> [Vec<f32>; 4] {
+        let reference = twin_of(&self.conv);
+        let bias = if self.bias.is_empty() { vec![0.0; self.conv.out_channels] } else { self.bias.clone() };
+        let mut y = reference.forward(&self.x, &self.weight, &bias);
+        if self.conv.activation == Activation::Relu {
+            twin::relu(&mut y);
         }
+        let mut v_x = reference.backward_input(&self.v_y, &self.weight);
+        twin::relu_backward(gate, &mut v_x);
+        let (v_weight, mut v_bias) = reference.backward_weight(&self.x, &self.v_y);
+        v_bias.truncate(self.bias.len());
+        [y, v_x, v_weight, v_bias]
+    }
+
+    fn check(&self, gpu: &Gpu) {
+        let got = self.on_gpu(gpu, Some(&self.x), 1.0);
+        let want = self.on_host(&self.x);
         // Up to 864 products of size 0.2 in another order, sums up to 6: a few 2^-24 * 6 * 864^0.5.
-        assert_close(&y, &want, 1e-5, 1e-5);
-        let mut want = reference.backward_input(&self.v_y, &self.weight);
-        twin::relu_backward(&self.x, &mut want);
-        assert_close(&v_x, &want, 1e-5, 1e-5);
-        let (want, want_bias) = reference.backward_weight(&self.x, &self.v_y);
+        let products = 1e-5;
         // Sums over all pixels, held beside the 1.0 that was there before: its rounding is 6e-8.
-        let atol = 2e-6 * (conv.shape.pixels() as f32).sqrt();
-        assert_close(&v_weight, &want, atol, 1e-5);
-        if conv.bias == Bias::Added {
-            assert_close(&v_bias, &want_bias, atol, 1e-5);
+        let pixels = 2e-6 * (self.conv.shape.pixels() as f32).sqrt();
+        for ((got, want), atol) in got.iter().zip(&want).zip([products, products, pixels, pixels]) {
+            assert_close(got, want, atol, 1e-5);
         }
     }
 }
@@ -219,6 +245,43 @@ fn poison_reaches_exactly_its_neighbourhood() {
 }
 
 #[test]
+fn poison_spreads_as_in_the_twin_in_both_directions() {
+    let Some(gpu) = device() else { return };
+    let (pixels, channels) = (3 * 3 * 9, 4);
+    for (time, space) in &PADDINGS[..2] {
+        let conv = layer([3, 3, 9], [channels, channels], *time, *space);
+        let conv = Conv3d { bias: Bias::Added, activation: Activation::Relu, ..conv };
+        let weight = Case::new(conv).weight;
+        let len = pixels * channels;
+        let case = |data: &[f32]| Case {
+            conv,
+            x: data[..len].to_vec(),
+            weight: weight.clone(),
+            bias: data[3 * len..].to_vec(),
+            v_y: data[len..2 * len].to_vec(),
+        };
+        let gate = |data: &[f32]| data[2 * len..3 * len].to_vec();
+        let clean = Random(9).vec_f32(3 * len + channels, -1.0, 1.0);
+        let on_gpu = |data: &[f32]| case(data).on_gpu(&gpu, Some(&gate(data)), 0.0).concat();
+        let on_host = |data: &[f32]| case(data).on_host(&gate(data)).concat();
+        // x and v_y of the first pixel, which lanes without a pixel read too; of one inside; of the last; gate; bias.
+        let inside = ((3 + 1) * 9 + 4) * channels;
+        let places = [1, inside, len + 2, len + inside, 2 * len - 1, 2 * len + inside, 3 * len + 1];
+        // Sums of 108 products below 0.2, and of 81 below 1.
+        let reach = poison::spread(&clean, &places, (2e-5, 1e-5), on_gpu, on_host);
+        if (*time, *space) == PADDINGS[0] {
+            // A corner has 8 neighbours and meets 8 taps, a pixel inside 27; each meets the channels of the other side.
+            assert_eq!(reach[..2], [8 * 2 * channels, 27 * 2 * channels], "x: y and the weights");
+            // v_y reaches the weights, the bias and those of its neighbours whose gate is open.
+            for (n, taps) in reach[2..5].iter().zip([8, 27, 8]) {
+                assert!((1..=taps * channels).contains(&(n - taps * channels - 1)), "v_y: {reach:?}");
+            }
+        }
+        assert_eq!(reach[5..], [0, pixels], "a NaN in the gate lets the gradient pass, the bias reaches its channel");
+    }
+}
+
+#[test]
 fn wrong_shapes_are_refused_and_empty_is_fine() {
     let Some(gpu) = device() else { return };
     let conv = layer([1, 1, 4], [4, 4], Padding::Zero, Padding::Reflect);
@@ -232,7 +295,12 @@ fn wrong_shapes_are_refused_and_empty_is_fine() {
     let none = gpu.buffer("none", 0).expect("buffer");
     let mut v_weight = gpu.buffer_from("v_weight", &vec![1.0; conv.weight_len()]).expect("buffer");
     let mut scratch = Conv3dScratch::new(&gpu, &conv).expect("scratch");
+    let weight = upload(&gpu, &vec![1.0; conv.weight_len()]);
+    let (mut y, mut v_x) = (unwritten(&gpu, 0), unwritten(&gpu, 0));
     run(&gpu, |rec| {
+        forward(rec, &conv, &none, &weight, &mut y)?;
+        let from = InputGradient { v_y: &none, weight: &weight, gate: None };
+        backward_input(rec, &conv, from, &mut v_x, &mut scratch)?;
         let pass = WeightGradient { x: &none, v_y: &none, v_weight: &mut v_weight, accumulate: Accumulate::Overwrite };
         backward_weight(rec, &conv, pass, &mut scratch)
     });

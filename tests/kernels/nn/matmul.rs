@@ -10,6 +10,7 @@ use super::{dot, run, unwritten, upload};
 use crate::support::close::assert_close;
 use crate::support::gpu::device;
 use crate::support::gradcheck::gradcheck;
+use crate::support::poison;
 use crate::support::random::Random;
 
 /// (rows, n, k): every tile width, rows that do not fill a tile.
@@ -94,21 +95,62 @@ fn weight_gradient_follows_the_twin() {
 }
 
 #[test]
-fn poison_stays_in_its_row() {
+fn poison_stays_in_its_row_or_column() {
     let Some(gpu) = device() else { return };
     let (rows, n, k) = (19, 48, 8);
-    for (at, value) in [(0, f32::NAN), (17, f32::INFINITY), (18, f32::NAN)] {
-        let mut a = vec![1.0; rows * k];
-        a[at * k + 3] = value;
-        let weight = PackedWeight::new(&gpu, "w", &vec![0.5; n * k], n, k).expect("packs");
-        let (a_buffer, mut c) = (upload(&gpu, &a), unwritten(&gpu, rows * n));
-        run(&gpu, |rec| forward(rec, &Product::plain(&a_buffer, rows, &weight), &mut c));
-        for (row, values) in c.read().expect("read").chunks_exact(n).enumerate() {
-            let clean = values.iter().all(|v| *v == 4.0);
-            let poisoned = values.iter().all(|v| !v.is_finite());
-            assert!(if row == at { poisoned } else { clean }, "row {row}, poison in row {at}: {values:?}");
-        }
+    let clean = Random(6).vec_f32(rows * k + n * k + n + rows * n, -1.0, 1.0);
+    let (w, bias, aux) = (rows * k, rows * k + n * k, rows * k + n * k + n);
+    for mode in 0..3 {
+        let on_gpu = |data: &[f32]| {
+            let weight = PackedWeight::new(&gpu, "w", &data[w..bias], n, k).expect("packs");
+            let [a, bias, aux] = [&data[..w], &data[bias..aux], &data[aux..]].map(|d| upload(&gpu, d));
+            let epilogue = [
+                Epilogue::Activate(Activation::Relu),
+                Epilogue::Add(&aux),
+                Epilogue::Grad(Activation::QuickGelu, &aux),
+            ][mode];
+            let mut c = unwritten(&gpu, rows * n);
+            run(&gpu, |rec| {
+                forward(rec, &Product { a: &a, rows, weight: &weight, bias: Some(&bias), epilogue }, &mut c)
+            });
+            c.read().expect("read")
+        };
+        let on_host = |data: &[f32]| {
+            let aux_data = &data[aux..];
+            let epilogue = [
+                twin::Epilogue::Activate(Activation::Relu),
+                twin::Epilogue::Add(aux_data),
+                twin::Epilogue::Grad(Activation::QuickGelu, aux_data),
+            ][mode];
+            twin::forward(&data[..w], &data[w..bias], &data[bias..aux], k, epilogue)
+        };
+        // As above with k = 8. Row 17 lies in the second tile, which is not full.
+        let places = [3, 17 * k + 5, w + 9 * k + 1, bias + 40, aux + 18 * n];
+        let reach = poison::spread(&clean, &places, (1e-5, 1e-5), on_gpu, on_host);
+        assert_eq!(reach, [n, n, rows, rows, usize::from(mode > 0)], "rows of A, columns of W and bias, mode {mode}");
     }
+}
+
+#[test]
+fn poison_reaches_its_row_or_column_of_the_weight_gradient_and_no_rows_give_zero() {
+    let Some(gpu) = device() else { return };
+    let (n, k) = (16, 40);
+    let on_gpu = |rows: usize, data: &[f32]| {
+        let (a, v_c) = (upload(&gpu, &data[..rows * k]), upload(&gpu, &data[rows * k..]));
+        let mut scratch = GradScratch::new(&gpu, "w", rows, n, k).expect("scratch");
+        let mut v_w = unwritten(&gpu, n * k);
+        run(&gpu, |rec| weight_gradient(rec, &a, &v_c, &mut scratch, &mut v_w));
+        v_w.read().expect("read")
+    };
+    assert_eq!(on_gpu(0, &[]), vec![0.0; n * k], "an empty sum");
+    // The last row is followed by padding.
+    let rows = 13;
+    let clean = Random(7).vec_f32(rows * (k + n), -1.0, 1.0);
+    let on_host = |data: &[f32]| twin::weight_gradient(&data[..rows * k], &data[rows * k..], n, k);
+    // Sums of 13 terms below 1.
+    let places = [12 * k + 5, rows * k + 12 * n + 3];
+    let reach = poison::spread(&clean, &places, (1e-5, 1e-5), |data| on_gpu(rows, data), on_host);
+    assert_eq!(reach, [n, k], "a column of A, a column of v_c");
 }
 
 #[test]

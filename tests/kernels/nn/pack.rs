@@ -7,6 +7,7 @@ use guard4d_kernels::reference::nn::pack as twin;
 
 use super::{run, unwritten, upload};
 use crate::support::gpu::device;
+use crate::support::poison;
 use crate::support::random::Random;
 
 /// The unit matrix times Wᵀ gives W's padded transpose back, exactly.
@@ -49,6 +50,27 @@ fn host_and_device_packing_agree_in_both_orders() {
             assert_eq!(unpacked(&gpu, &packed), host, "{order:?}");
         }
     }
+}
+
+#[test]
+fn both_packers_place_every_bit_as_the_twin_does() {
+    let Some(gpu) = device() else { return };
+    // W(8, 3) stands alone in the second block of lanes, beside padding.
+    let (n, k) = (9, 5);
+    let clean = Random(2).vec_f32(n * k, -1.0, 1.0);
+    let on_host = |w: &[f32]| twin::rows(w, n, k);
+    let packed = |weight: &PackedWeight| weight.packed().read().expect("read");
+    let by_host = |w: &[f32]| packed(&PackedWeight::new(&gpu, "w", w, n, k).expect("packs"));
+    let by_device = |w: &[f32]| {
+        let mut weight = PackedWeight::zeros(&gpu, "w", n, k).expect("buffer");
+        let source = upload(&gpu, w);
+        run(&gpu, |rec| gather(rec, &source, Order::Rows { stride: k }, &mut weight));
+        packed(&weight)
+    };
+    // Copies: nothing is rounded.
+    let exact = (0.0, 0.0);
+    assert_eq!(poison::spread(&clean, &[0, 8 * k + 3], exact, by_host, on_host), [1, 1], "on the host");
+    assert_eq!(poison::spread(&clean, &[0, 8 * k + 3], exact, by_device, on_host), [1, 1], "on the device");
 }
 
 #[test]

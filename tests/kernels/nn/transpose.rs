@@ -6,16 +6,22 @@ use guard4d_kernels::reference::nn::transpose as twin;
 
 use super::{run, unwritten, upload};
 use crate::support::gpu::device;
+use crate::support::poison;
 use crate::support::random::Random;
 
 #[test]
-fn gpu_equals_the_twin() {
+fn gpu_equals_the_twin_poison_included() {
     let Some(gpu) = device() else { return };
     for (rows, cols) in [(1, 1), (4, 8), (5, 3), (66, 31)] {
         let x = Random(rows as u64).vec_f32(rows * cols, -1.0, 1.0);
-        let (x_buffer, mut y) = (upload(&gpu, &x), unwritten(&gpu, cols * rows.next_multiple_of(4)));
-        run(&gpu, |rec| copy(rec, &x_buffer, rows, cols, &mut y));
-        assert_eq!(y.read().expect("read"), twin::copy(&x, rows, cols), "{rows} x {cols}");
+        let on_gpu = |x: &[f32]| {
+            let (x, mut y) = (upload(&gpu, x), unwritten(&gpu, cols * rows.next_multiple_of(4)));
+            run(&gpu, |rec| copy(rec, &x, rows, cols, &mut y));
+            y.read().expect("read")
+        };
+        // Copies. The last element stands beside the padding.
+        let reach = poison::spread(&x, &[0, x.len() - 1], (0.0, 0.0), on_gpu, |x| twin::copy(x, rows, cols));
+        assert_eq!(reach, [1, 1], "{rows} x {cols}: its own place");
     }
 }
 

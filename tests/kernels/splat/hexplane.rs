@@ -5,6 +5,7 @@ use guard4d_kernels::splat::hexplane::{Plane, Planes, forward};
 
 use crate::support::close::assert_close;
 use crate::support::gpu::{Gpu, device};
+use crate::support::poison;
 use crate::support::random::Random;
 
 const AABB: [[f32; 3]; 2] = [[1.3, 1.2, 1.4], [-1.3, -1.1, -1.2]];
@@ -77,12 +78,36 @@ fn gpu_follows_the_twin() {
 }
 
 #[test]
-fn poison_reads_a_border_and_wrong_planes_are_refused() {
+fn poison_reads_a_border_and_shows_where_its_sample_is_read() {
+    let Some(gpu) = device() else { return };
+    let (channels, resolution) = (4, [8, 8, 8, 6]);
+    let planes = random_planes(&mut Random(1), channels, resolution, 1);
+    let clean = Random(2).vec_f32(12, -1.0, 1.0);
+    let on_gpu = |means: &[f32]| gpu_features(&gpu, &planes, channels, means, 0.5);
+    let on_host = |means: &[f32]| twin::forward(&planes, channels, &AABB, means, 0.5);
+    // As above. No position is a number that shows: NaN reads the first sample, infinities the ends.
+    assert_eq!(poison::spread(&clean, &[0, 5, 10, 3], (5e-5, 0.0), on_gpu, on_host), [0; 4], "three axes, and none");
+
+    let samples: Vec<f32> = planes.iter().flat_map(|p| p.data.clone()).collect();
+    let with = |data: &[f32]| {
+        let mut from = data.iter().copied();
+        let fill = |p: &twin::Plane<f32>| twin::Plane { data: from.by_ref().take(p.data.len()).collect(), ..*p };
+        planes.iter().map(fill).collect::<Vec<_>>()
+    };
+    let on_gpu = |data: &[f32]| gpu_features(&gpu, &with(data), channels, &clean, 0.5);
+    let on_host = |data: &[f32]| twin::forward(&with(data), channels, &AABB, &clean, 0.5);
+    // The first plane's sample at the lower neighbours of the first splat, in channel 2.
+    let lower = |k: usize| ((clean[k] - AABB[0][k]) / (AABB[1][k] - AABB[0][k]) * 7.0).floor() as usize;
+    let at = (2 * 8 + lower(1)) * 8 + lower(0);
+    let reach = poison::spread(&samples, &[at], (5e-5, 0.0), on_gpu, on_host);
+    assert!((1..=3).contains(&reach[0]), "its channel of the splats beside it: {reach:?}");
+}
+
+#[test]
+fn wrong_planes_are_refused_and_no_splats_are_fine() {
     let Some(gpu) = device() else { return };
     let planes = random_planes(&mut Random(1), 4, [8, 8, 8, 6], 1);
-    let means = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 0.0, 1e30, -1e30, 1e-40, 0.0, 0.0, 0.0, 0.0, 0.0];
-    let features = gpu_features(&gpu, &planes, 4, &means, 0.5);
-    assert!(features.iter().all(|v| v.is_finite()), "samples stay inside the planes: {features:?}");
+    assert!(gpu_features(&gpu, &planes, 4, &[], 0.5).is_empty(), "no splat, no feature");
     let short = Plane { data: &[0.0; 5], width: 3, height: 2 };
     assert!(Planes::new(&gpu, &[short; 6], 1, AABB).is_err(), "too few values");
     let right = Plane { data: &[0.0; 6], width: 3, height: 2 };

@@ -1,6 +1,7 @@
 //! splat/rasterize: linear in the colours, adjoint, GPU against the twin, the same bytes twice.
 
 use guard4d_kernels::reference::splat::rasterize as twin;
+use guard4d_kernels::reference::splat::tile_bin::pruned_lists as twin_tiles;
 use guard4d_kernels::splat::project::View;
 use guard4d_kernels::splat::rasterize::{BackwardScratch, Frame, FrameMut, backward, forward};
 use guard4d_kernels::splat::tile_bin::{Prune, VisibleLists};
@@ -11,6 +12,7 @@ use super::tile_bin::lists;
 use crate::support::close::{assert_close, cosine, worst_ratio};
 use crate::support::gpu::device;
 use crate::support::gradcheck::gradcheck;
+use crate::support::poison;
 use crate::support::random::Random;
 
 const BACKGROUND: [f32; 3] = [1.0, 0.5, 0.25];
@@ -193,6 +195,42 @@ fn an_empty_scene_shows_the_background_and_has_no_gradient() {
     let [r, g, b] = BACKGROUND;
     assert!(image.chunks(4).all(|p| p == [r, g, b, 1.0]), "background everywhere");
     assert!(pull(&gpu, &lists, &vec![1.0; image.len()]).is_empty(), "no splat, no gradient");
+}
+
+#[test]
+fn poison_fills_the_tiles_it_meets() {
+    let Some(gpu) = device() else { return };
+    let (width, height) = (37, 26);
+    let (scene, view) = (scene::random(60, 12), scene::view(width, height));
+    let lists = lists(&gpu, &scene, &view, Prune::Remove);
+    let splats = scene.project::<f32>(&view);
+    let split = 4 * scene.len();
+    let num_px = lists.grid.num_pixels();
+    let clean = Random(5).vec_f32(split + 4 * num_px, 0.1, 1.0);
+    let on_gpu = |data: &[f32]| {
+        let image = render(&gpu, &lists, &visible(&lists, &data[..split]), BACKGROUND);
+        [image, scatter(&lists, &pull(&gpu, &lists, &data[split..]), scene.len())].concat()
+    };
+    let on_host = |data: &[f32]| {
+        let image = twin::forward(&splats, &data[..split], BACKGROUND, size(&view));
+        [image, twin::backward(&splats, &data[split..], size(&view))].concat()
+    };
+    // Of the first visible splat, which lanes beyond the end of a list load too, and of one in the middle, a colour
+    // and the fourth channel; of a pixel in the middle of the image the same.
+    let seen = lists.splat_from_visible.read().expect("read");
+    let [first, middle] = [0, lists.num_visible / 2].map(|i| 4 * seen[i] as usize);
+    let pixel = split + 4 * (13 * width as usize + 18);
+    let places = [first, middle + 1, middle + 3, pixel + 2, pixel + 3];
+    // Sums of some dozen products below 1 in the image; of some hundred in the gradient.
+    let reach = poison::spread(&clean, &places, (1e-4, 1e-5), on_gpu, on_host);
+    let want = twin_tiles(&splats, size(&view));
+    let tile_px = |tile: usize| {
+        let (x, y) = (8 * (tile % 5), 8 * (tile / 5));
+        (width as usize - x).min(8) * (height as usize - y).min(8)
+    };
+    let filled = |splat: usize| (0..want.len()).filter(|&t| want[t].contains(&(splat / 4))).map(tile_px).sum::<usize>();
+    assert!(filled(first) > 0 && filled(middle) < num_px, "some tiles list a splat, others do not");
+    assert_eq!(reach, [filled(first), filled(middle), 0, want[5 + 2].len(), 0], "all pixels, all splats of a tile");
 }
 
 #[test]

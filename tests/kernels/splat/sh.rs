@@ -3,11 +3,12 @@
 use guard4d_kernels::reference::splat::sh as twin;
 use guard4d_kernels::shape::OffsetBases;
 use guard4d_kernels::splat::sh::{ShInputs, VisibleSplats, backward, forward};
-use guard4d_kernels::{Buffer, KernelError};
+use guard4d_kernels::{Buffer, Device, KernelError};
 
 use crate::support::close::assert_close;
 use crate::support::gpu::device;
 use crate::support::gradcheck::gradcheck;
+use crate::support::poison;
 use crate::support::random::Random;
 
 fn unit_dirs(random: &mut Random, n: usize) -> Vec<f64> {
@@ -120,21 +121,92 @@ fn gpu_follows_the_twin_for_every_degree_and_offset() {
     }
 }
 
+/// Colours and the gradient of the offsets, which starts from zero.
+fn on_gpu(gpu: &Device, scene: &Scene, (bases, degree): (OffsetBases, u32)) -> Vec<f32> {
+    let buffer = |data: &[f32]| gpu.buffer_from("input", data).expect("buffer");
+    let ids: Vec<u32> = scene.splats.iter().map(|&s| s as u32).collect();
+    let (dirs, ids) = (buffer(&scene.dirs), gpu.buffer_from("ids", &ids).expect("buffer"));
+    let (coeffs, offsets) = (buffer(&scene.coeffs), buffer(&rows(&scene.offsets, bases)));
+    let v_colours = buffer(&scene.v_colours);
+    let seen = VisibleSplats { dirs: &dirs, splat_from_visible: &ids, count: scene.splats.len() };
+    let sh = ShInputs { sh_coeffs: &coeffs, offsets: Some((&offsets, bases)), degree };
+    let mut colours = gpu.buffer("colours", scene.v_colours.len()).expect("buffer");
+    let mut v_offsets = gpu.buffer("v_offsets", offsets.len()).expect("buffer");
+    let mut rec = gpu.recorder().expect("recorder");
+    forward(&mut rec, &sh, &seen, &mut colours).expect("records");
+    backward(&mut rec, &sh, &seen, &v_colours, &mut v_offsets).expect("records");
+    rec.submit().expect("runs");
+    [colours.read().expect("read"), v_offsets.read().expect("read")].concat()
+}
+
+/// The same by the twin.
+fn on_host(scene: &Scene, (bases, degree): (OffsetBases, u32)) -> Vec<f32> {
+    let offset = |i: usize| if i % 48 < 3 * bases.count() { scene.offsets[i] } else { 0.0 };
+    let sum: Vec<f32> = scene.coeffs.iter().enumerate().map(|(i, c)| c + offset(i)).collect();
+    let v_coeffs = twin::backward(&sum, &scene.dirs, scene.splats, degree, &scene.v_colours);
+    [twin::forward(&sum, &scene.dirs, scene.splats, degree), rows(&v_coeffs, bases)].concat()
+}
+
+/// Inputs of both.
+struct Scene<'a> {
+    splats: &'a [usize],
+    coeffs: Vec<f32>,
+    offsets: Vec<f32>,
+    dirs: Vec<f32>,
+    v_colours: Vec<f32>,
+}
+
 #[test]
-fn nan_stays_in_its_splat_and_wrong_shapes_are_refused() {
+fn poison_shows_in_its_splat_and_channel_only() {
     let Some(gpu) = device() else { return };
-    let mut coeffs = vec![0.1f32; 96];
-    coeffs[50] = f32::NAN;
-    let coeffs = gpu.buffer_from("coeffs", &coeffs).expect("buffer");
+    let splats = [2, 0];
+    let mut random = Random(8);
+    // Small coefficients: every colour is about a half, none is clamped.
+    let small = random.vec_f32(2 * 144, -0.02, 0.02);
+    let dirs: Vec<f32> = unit_dirs(&mut random, 2).iter().map(|v| *v as f32).collect();
+    let clean = [small, dirs, random.vec_f32(8, 0.5, 1.0)].concat();
+    let (offsets, dirs, v_colours) = (144, 288, 296);
+    let part = |data: &[f32], from: usize, to: usize| data[from..to].to_vec();
+    let scene = |data: &[f32]| Scene {
+        splats: &splats,
+        coeffs: part(data, 0, offsets),
+        offsets: part(data, offsets, dirs),
+        dirs: part(data, dirs, v_colours),
+        v_colours: part(data, v_colours, v_colours + 8),
+    };
+    // Of splat 2: the DC term, a first term above degree 0, the last term; a term of the splat that is not seen.
+    // Then the offset of the DC term, an axis of the direction, and the gradient of a colour and of the fourth channel.
+    let places = [97, 99, 143, 49, offsets + 97, dirs + 1, v_colours + 1, v_colours + 3];
+    for degree in 0..=3 {
+        for bases in [OffsetBases::Dc, OffsetBases::All] {
+            let on_gpu = |data: &[f32]| on_gpu(&gpu, &scene(data), (bases, degree));
+            let on_host = |data: &[f32]| on_host(&scene(data), (bases, degree));
+            // 48 products of size one or less, each rounded twice.
+            let reach = poison::spread(&clean, &places, (1e-5, 0.0), on_gpu, on_host);
+            let (one, last) = (usize::from(degree >= 1), usize::from(degree == 3));
+            let terms = ((degree + 1) * (degree + 1)) as usize;
+            let slopes = if bases == OffsetBases::Dc { 1 } else { terms };
+            // All colours above degree 0, and the slopes along the 1, 4 and 7 bases of each degree that depend on y.
+            let turned = 3 * one + if slopes == 1 { 0 } else { 3 * [0, 1, 5, 12][degree as usize] };
+            assert_eq!(reach, [1, one, last, 0, 1, turned, slopes, 0], "degree {degree}, {bases:?}");
+        }
+    }
+}
+
+#[test]
+fn wrong_shapes_are_refused_and_empty_is_fine() {
+    let Some(gpu) = device() else { return };
+    let none = Scene { splats: &[], coeffs: vec![], offsets: vec![], dirs: vec![], v_colours: vec![] };
+    assert!(on_gpu(&gpu, &none, (OffsetBases::All, 3)).is_empty(), "no splat");
+    let unseen = Scene { coeffs: vec![0.5; 48], offsets: vec![0.5; 48], ..none };
+    assert_eq!(on_gpu(&gpu, &unseen, (OffsetBases::All, 3)), [0.0; 48], "no splat is seen, none has a gradient");
+
+    let coeffs = gpu.buffer_from("coeffs", &[0.1f32; 96]).expect("buffer");
     let dirs = gpu.buffer_from("dirs", &[0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]).expect("buffer");
     let ids = gpu.buffer_from("ids", &[0u32, 1]).expect("buffer");
     let seen = VisibleSplats { dirs: &dirs, splat_from_visible: &ids, count: 2 };
     let sh = ShInputs { sh_coeffs: &coeffs, offsets: None, degree: 3 };
     let mut colours = gpu.buffer("colours", 8).expect("buffer");
-    let mut rec = gpu.recorder().expect("recorder");
-    forward(&mut rec, &sh, &seen, &mut colours).expect("records");
-    rec.submit().expect("runs");
-    assert!(colours.read().expect("read")[..4].iter().all(|v| v.is_finite()), "the other splat is untouched");
     let mut rec = gpu.recorder().expect("recorder");
     let mut short: Buffer<f32> = gpu.buffer("colours", 4).expect("buffer");
     let error = forward(&mut rec, &sh, &seen, &mut short);

@@ -13,6 +13,15 @@ use crate::watermark::tmsd::TmsdConfig;
 const DEFAULT_TARGET_PSNR: f32 = 43.0;
 /// Rate of the DC offsets at that fidelity (measured on robot: 0.01 lowers accuracy, 0.006 stays 4 dB above the target).
 const DEFAULT_LR_DC: f32 = 0.008;
+/// Gain of R along an unused colour direction at that fidelity: more saturates CLIP and makes rounding loud, less
+/// leaves content in.
+const DEFAULT_NULL_GAIN: f64 = 3.0;
+/// Colour level below which a direction counts as unused at that fidelity.
+const DEFAULT_NULL_LEVEL: f64 = 0.02;
+/// Standard deviation of the calibration's random offsets at that fidelity, in colour: three 8-bit steps.
+const DEFAULT_RESPONSE_LEVEL: f64 = 0.0125;
+/// Steps between two measurements on held-out clips: often enough to watch, seldom enough to cost little.
+const DEFAULT_HELD_OUT_EVERY: usize = 25;
 /// How far below the target the hold starts, dB.
 const START_SLACK_DB: f32 = 2.0;
 
@@ -117,6 +126,12 @@ pub struct EmbedConfig {
     pub null_level: f64,
     /// Random offset fields that the calibration is fitted to.
     pub responses: usize,
+    /// Standard deviation of these fields, in colour.
+    pub response_level: f64,
+    /// Steps between two measurements on held-out clips; 0 for none. It changes no result, so that it is no part of
+    /// what names one.
+    #[serde(skip)]
+    pub held_out_every: usize,
 }
 
 impl EmbedConfig {
@@ -157,19 +172,30 @@ impl EmbedConfig {
                 ExtractorMode::Joint => TmsdConfig::default(),
                 _ => TmsdConfig::colour_map_only(),
             },
-            null_gain: 3.0,
-            null_level: 0.02,
+            null_gain: 0.0,
+            null_level: 0.0,
             responses,
+            response_level: 0.0,
+            held_out_every: DEFAULT_HELD_OUT_EVERY,
         }
         .with_target(DEFAULT_TARGET_PSNR)
     }
 
-    /// The same with another fidelity, and with a rate for the offsets that reaches it: their final size is
-    /// proportional to the rate as long as the hold does not bind.
+    /// The same with another fidelity, and with everything that is measured in colour in proportion to it: the rate of
+    /// the offsets, the level of the random fields, and R, which looks for marks of this size and shows CLIP the same
+    /// contrast whatever the size is. (With R left as it is, marks of 38 dB and below read worse than weaker ones.)
     #[must_use]
     pub fn with_target(self, target_psnr: f32) -> Self {
         let amplitude = 10f32.powf((DEFAULT_TARGET_PSNR - target_psnr) / 20.0);
-        Self { target_psnr, start_psnr: target_psnr - START_SLACK_DB, lr_dc: DEFAULT_LR_DC * amplitude, ..self }
+        Self {
+            target_psnr,
+            start_psnr: target_psnr - START_SLACK_DB,
+            lr_dc: DEFAULT_LR_DC * amplitude,
+            null_gain: DEFAULT_NULL_GAIN / f64::from(amplitude),
+            null_level: DEFAULT_NULL_LEVEL * f64::from(amplitude),
+            response_level: DEFAULT_RESPONSE_LEVEL * f64::from(amplitude),
+            ..self
+        }
     }
 
     /// Whether SSIM is part of the loss.

@@ -26,8 +26,6 @@ use crate::watermark::tmsd::TmsdWeights;
 
 /// Coefficients of the random offset fields; DC terms make most of any mark.
 const RESPONSE_BASES: OffsetBases = OffsetBases::Dc;
-/// Standard deviation of the random DC offsets, in colour: about one 8-bit step times three.
-const RESPONSE_LEVEL: f64 = 0.0125;
 /// SH constant Y₀: colour per unit of DC offset.
 const Y0: f64 = 0.282_094_79;
 /// Clips whose logits set the zero.
@@ -162,7 +160,7 @@ fn responses(
     let mut field: Buffer<f32> = device.buffer("fit.field", stage.num_splats * RESPONSE_BASES.floats())?;
     let mut found = Vec::with_capacity(config.responses * width);
     for _ in 0..config.responses {
-        field.write(&random_field(stage.num_splats, &mut rng))?;
+        field.write(&random_field(stage.num_splats, config.response_level, &mut rng))?;
         let offsets = Offsets { data: &field, bases: RESPONSE_BASES };
         let mut change = vec![0.0f64; width];
         for _ in 0..CLIPS_PER_RESPONSE {
@@ -186,12 +184,12 @@ fn responses(
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "offsets are single precision")]
-fn random_field(num_splats: usize, rng: &mut rand_chacha::ChaCha20Rng) -> Vec<f32> {
+fn random_field(num_splats: usize, level: f64, rng: &mut rand_chacha::ChaCha20Rng) -> Vec<f32> {
     let row = RESPONSE_BASES.floats();
     let mut field = vec![0.0; num_splats * row];
     for splat in field.chunks_exact_mut(row) {
         for dc in &mut splat[..3] {
-            *dc = (standard_normal(rng) * RESPONSE_LEVEL / Y0) as f32;
+            *dc = (standard_normal(rng) * level / Y0) as f32;
         }
     }
     field

@@ -10,38 +10,30 @@ mod step;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use glam::Mat4;
 use guard4d_kernels::Device;
-use guard4d_kernels::loss::ssim::SsimScratch;
 use rand_chacha::ChaCha20Rng;
 
 pub use config::{Control, EmbedConfig, Profile};
 pub use cost::StepPart;
-pub use step::StepReport;
+pub use step::{HeldOutReport, StepReport};
 
 use crate::clip::{Clip, Purpose};
-use crate::deform::DeformField;
 use crate::error::EngineError;
 use crate::render::OffsetBases;
-use crate::scene::camera_paths::{Band, Lens};
 use crate::scene::gaussians::{CHANNELS, SH_FLOATS};
-use crate::scene::{Camera, CameraSet, Model, View};
+use crate::scene::{Camera, Model};
 use crate::train::schedule::cosine;
 use crate::watermark::decoder::Decoder;
 use crate::watermark::digest::Digest;
-use crate::watermark::evidence::ExtractorMode;
-use crate::watermark::extractor::{CLIP_FRAMES, ExtractorWeights, FeatureExtractor, Training};
+use crate::watermark::extractor::{ExtractorWeights, FeatureExtractor, Training};
 use crate::watermark::key::Key;
 use crate::watermark::message::Message;
 use crate::watermark::prf::{Purpose as Stream, uniform_below, uniform_unit};
-use clips::{ClipBuilder, TrainingClip};
+use clips::Clips;
 use step::{Critic, Rates, Stage};
 
 /// Weight of the newest step in the running mean of the squared error.
 const MSE_SHARE: f32 = 0.2;
-
-/// Training clips that share their times.
-const CLIPS_PER_TIMES: usize = 16;
 
 /// A finished embedding.
 #[derive(Debug)]
@@ -113,7 +105,7 @@ pub enum Next {
 pub struct Embedding<'a> {
     subject: Subject<'a>,
     config: EmbedConfig,
-    clips: Vec<TrainingClip>,
+    clips: Clips,
     stage: Stage,
     critic: Critic,
     weights: ExtractorWeights,
@@ -147,12 +139,15 @@ impl<'a> Embedding<'a> {
         let started = Instant::now();
         let side = clip.config().vision_config.image_size;
         let mut stage = Stage::new(device, model, &config, side)?;
-        let clips = training_clips(&subject, &config, &mut stage)?;
+        let clips = Clips::plan(&subject, &config, &mut stage)?;
         seconds.insert("plan".to_owned(), started.elapsed().as_secs_f64());
 
         let started = Instant::now();
         let (weights, branches, frozen) = match start {
-            Start::Fit => (fit::extractor(device, clip, key, &config, &clips, &mut stage)?, config.branches(), None),
+            Start::Fit => {
+                let fitted = fit::extractor(device, clip, key, &config, &clips.training, &mut stage)?;
+                (fitted, config.branches(), None)
+            }
             // The control losses say nothing about offsets, and R is not to be trained.
             Start::Frozen(given) => (given.clone(), 1, Some(given.digest(key)?)),
         };
@@ -201,7 +196,8 @@ impl<'a> Embedding<'a> {
         let started = Instant::now();
         let config = &self.config;
         let mut rng = self.subject.key.prf().stream(Stream::Embedding, stream_index(config.seed, self.step));
-        let index = uniform_below(&mut rng, u32::try_from(self.clips.len()).unwrap_or(u32::MAX)) as usize;
+        let training = &self.clips.training;
+        let index = uniform_below(&mut rng, u32::try_from(training.len()).unwrap_or(u32::MAX)) as usize;
         let (low, high) = config.noise_sigma;
         let rates = Rates {
             decay: cosine(self.step, config.steps, config.lr_floor),
@@ -209,8 +205,8 @@ impl<'a> Embedding<'a> {
             sigma: low * (high / low).powf(unit(&mut rng)),
             stream: u32::try_from(self.step).unwrap_or(u32::MAX),
         };
-        let (report, timings) =
-            self.critic.step(self.subject.device, &mut self.stage, &self.clips[index], config, rates)?;
+        let (mut report, timings) =
+            self.critic.step(self.subject.device, &mut self.stage, &training[index], config, rates)?;
         if !(report.total.is_finite() && report.mse.is_finite()) {
             let what = format!("loss at step {}", self.step);
             return Err(EngineError::NotFinite { what, got: f64::from(report.total) });
@@ -220,8 +216,39 @@ impl<'a> Embedding<'a> {
             *self.device_seconds.entry(pass.name).or_default() += pass.time.as_secs_f64();
         }
         self.step += 1;
+        if self.is_measured() {
+            report.held_out = self.held_out()?;
+        }
         *self.seconds.entry("train".to_owned()).or_default() += started.elapsed().as_secs_f64();
         Ok(Some(report))
+    }
+
+    /// Whether the step just taken is one whose result is measured on held-out clips.
+    fn is_measured(&self) -> bool {
+        let EmbedConfig { held_out_every, steps, .. } = self.config;
+        held_out_every > 0 && (self.step.is_multiple_of(held_out_every) || self.step == steps)
+    }
+
+    /// What the mark, as it is now, is worth on the held-out clips; `None` when there are none.
+    ///
+    /// # Errors
+    /// When the device fails, or a figure is not a number.
+    pub fn held_out(&mut self) -> Result<Option<HeldOutReport>, EngineError> {
+        let clips = self.clips.held_out.as_slice();
+        if clips.is_empty() {
+            return Ok(None);
+        }
+        self.critic.measure(self.subject.device, &mut self.stage, clips, &self.config).map(Some)
+    }
+
+    /// Cameras and times of the clips that steps are taken on.
+    pub fn training_shots(&self) -> impl Iterator<Item = &[(Camera, f32)]> {
+        self.clips.training.iter().map(|clip| clip.shots.as_slice())
+    }
+
+    /// Cameras and times of the clips that no step is taken on.
+    pub fn held_out_shots(&self) -> impl Iterator<Item = &[(Camera, f32)]> {
+        self.clips.held_out.iter().map(|clip| clip.shots.as_slice())
     }
 
     /// Chooses the factor on the offsets for the next step so that the running squared error stays at the target.
@@ -250,7 +277,7 @@ impl<'a> Embedding<'a> {
             self.weights.tmsd = Some(tmsd.weights()?);
             let Subject { device, clip, key, .. } = self.subject;
             let mut features = FeatureExtractor::new(device, clip, self.weights.tmsd.as_ref(), 1, Purpose::Features)?;
-            let unmarked = (&self.config, self.clips.as_slice(), &mut self.stage);
+            let unmarked = (&self.config, self.clips.training.as_slice(), &mut self.stage);
             fit::set_zero(device, key, &mut features, &mut self.weights, unmarked)?;
         }
         Ok(Embedded {
@@ -285,72 +312,6 @@ fn marked(clean: &[f32], offsets: &[f32], bases: OffsetBases) -> Vec<f32> {
         }
     }
     marked
-}
-
-/// Random views over the whole motion.
-///
-/// A clip of `joint` is one camera that turns at its own pace, because its R learns how neighbouring frames belong
-/// together. Without temporal weights to train, each frame gets a view of its own: one step then sees eight views
-/// instead of one.
-fn training_clips(
-    subject: &Subject<'_>,
-    config: &EmbedConfig,
-    stage: &mut Stage,
-) -> Result<Vec<TrainingClip>, EngineError> {
-    let model = subject.model;
-    let mut field = DeformField::new(subject.device, &model.gaussians, model.deformation.as_ref())?;
-    let mut rng = subject.key.prf().stream(Stream::Views, config.seed);
-    let size = crate::scene::ImageSize::new(config.size_px.0, config.size_px.1)?;
-    let band = Band {
-        azimuth_deg: 0.0..=360.0,
-        elevation_deg: config.elevation_deg.0..=config.elevation_deg.1,
-        radius: config.radius..=config.radius,
-        target: glam::Vec3::ZERO,
-        lens: Lens { fov_x_rad: config.fov_deg.to_radians(), size },
-    };
-    let frames = u32::try_from(CLIP_FRAMES).expect("a clip is a handful of frames");
-    let per_clip = if config.mode == ExtractorMode::Joint { 1 } else { CLIP_FRAMES };
-    let cameras: CameraSet = match per_clip {
-        1 => band.sample(config.views, config.seed)?,
-        _ => band.sample(config.views * frames, config.seed)?,
-    };
-    // A few clips share each set of times, so that the deformation is evaluated once for them.
-    let mut times = [0.0; CLIP_FRAMES];
-    let similarity = match config.uses_ssim() {
-        true => Some(SsimScratch::new(subject.device, config.frame_size(), 1)?),
-        false => None,
-    };
-    let mut builder = ClipBuilder {
-        device: subject.device,
-        field: &mut field,
-        renderer: &mut stage.renderer,
-        resize: &stage.resize,
-        background: stage.background,
-        similarity,
-    };
-    let mut clips = Vec::with_capacity(config.views as usize);
-    for (number, views) in cameras.views.chunks(per_clip).enumerate() {
-        if number % CLIPS_PER_TIMES == 0 {
-            let shift = unit(&mut rng);
-            times = std::array::from_fn(|i| (i as f32 + shift) / CLIP_FRAMES as f32);
-        }
-        let turn = config.turn_deg.to_radians() * (2.0 * uniform_unit(&mut rng) - 1.0);
-        let shots: Vec<_> = times.iter().enumerate().map(|(i, &t)| (shot(views, i, turn), t)).collect();
-        clips.push(builder.build(&shots)?);
-    }
-    Ok(clips)
-}
-
-/// Camera of frame `i`: a view of its own, or the only one turned `i` times.
-#[allow(clippy::cast_possible_truncation, reason = "cameras are single precision")]
-fn shot(views: &[View], i: usize, turn_rad: f64) -> Camera {
-    match views {
-        [one] => {
-            let turn = Mat4::from_rotation_z((turn_rad * i as f64) as f32);
-            Camera { world_to_camera: one.camera.world_to_camera * turn, ..one.camera }
-        }
-        several => several[i].camera,
-    }
 }
 
 /// Every step has a random stream of its own, so that a resumed run draws what an unbroken one would.

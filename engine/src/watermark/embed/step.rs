@@ -122,6 +122,18 @@ pub struct StepReport {
     pub total: f32,
     /// Share of the message's bits that the clip's frames carry.
     pub bit_accuracy: f32,
+    /// The result on held-out clips, after the steps that it is measured at.
+    pub held_out: Option<HeldOutReport>,
+}
+
+/// What a mark is worth on clips that no step is taken on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeldOutReport {
+    /// Share of the message's bits that the clips' frames carry. Where R is trained, the zero of each bit is the mean
+    /// logit of the unmarked clips, because the extractor's own is set when training ends.
+    pub bit_accuracy: f32,
+    /// Fidelity in dB, marked against unmarked 8-bit frames; infinite where no mark shows.
+    pub psnr: f32,
 }
 
 /// Rates and scales of one step.
@@ -157,6 +169,8 @@ pub(super) struct Critic {
     objective: Objective,
     values: Buffer<f32>,
     branches: Vec<Branch>,
+    /// What the host reads of a step, in one piece: `values`, the branches' losses, logits of all branches.
+    report: Buffer<f32>,
     scratch_logits: Buffer<f32>,
     sums: SumScratch,
     similarity: SsimScratch,
@@ -179,6 +193,7 @@ impl Critic {
     ) -> Result<Self, EngineError> {
         let branches = features.branches();
         let bits: Vec<f32> = message.bits().map(|b| f32::from(u8::from(b))).collect();
+        let reported = NUM_VALUES + branches * (1 + CLIP_FRAMES * bits.len());
         let branch = || -> Result<Branch, KernelError> {
             Ok(Branch {
                 logits: device.buffer("critic.logits", CLIP_FRAMES * bits.len())?,
@@ -192,6 +207,7 @@ impl Critic {
             target: device.buffer_from("critic.target", &bits)?,
             values: device.buffer("critic.values", NUM_VALUES)?,
             branches: (0..branches).map(|_| branch()).collect::<Result<_, _>>()?,
+            report: device.readback("critic.report", reported)?,
             scratch_logits: device.buffer("critic.scratch_logits", CLIP_FRAMES * bits.len())?,
             sums: SumScratch::new(device, CLIP_FRAMES * size.height * size.width)?,
             similarity: SsimScratch::new(device, size, CLIP_FRAMES)?,
@@ -225,6 +241,7 @@ impl Critic {
         self.logits(&mut rec, stage, clip, config, rates)?;
         self.message_losses(&mut rec, config)?;
         self.update(&mut rec, stage, clip, config, rates)?;
+        self.gather(&mut rec)?;
         let timings = rec.submit()?;
         Ok((self.report(config)?, timings))
     }
@@ -348,26 +365,85 @@ impl Critic {
         Ok(())
     }
 
-    fn report(&self, config: &EmbedConfig) -> Result<StepReport, KernelError> {
-        let value = |i: usize| -> Result<f32, KernelError> { Ok(self.branches[i].value.read()?[0]) };
-        let logits = self.branches[0].logits.read()?;
-        let bits: Vec<bool> = self.message.bits().collect();
-        let right = logits.iter().zip(bits.iter().cycle()).filter(|(o, b)| (**o > 0.0) == **b).count();
-        let objective = config.control.objective();
-        let mut control = 0.0;
-        for i in 1..self.branches.len() {
-            control += objective.loss(value(i)?);
+    /// Copies what the host reads of a step into one buffer.
+    fn gather(&mut self, rec: &mut Recorder) -> Result<(), KernelError> {
+        rec.copy(&self.values, 0, &mut self.report, 0, NUM_VALUES)?;
+        for (i, branch) in self.branches.iter().enumerate() {
+            rec.copy(&branch.value, 0, &mut self.report, NUM_VALUES + i, 1)?;
         }
-        let values = self.values.read()?;
+        let logits = &self.branches[0].logits;
+        rec.copy(logits, 0, &mut self.report, NUM_VALUES + self.branches.len(), logits.len())
+    }
+
+    fn report(&self, config: &EmbedConfig) -> Result<StepReport, KernelError> {
+        let read = self.report.read()?;
+        let (values, rest) = read.split_at(NUM_VALUES);
+        let (losses, logits) = rest.split_at(self.branches.len());
+        let marked = &logits[..self.branches[0].logits.len()];
+        let objective = config.control.objective();
+        let control = losses[1..].iter().fold(0.0, |sum, value| sum + objective.loss(*value));
         let recon = match config.lambda_recon > 0.0 {
             true => (1.0 - config.lambda_ssim) * values[L1] + config.lambda_ssim * values[DISSIMILARITY],
             false => 0.0,
         };
-        let (message, offset) = (value(0)?, values[OFFSET]);
+        let (message, offset) = (losses[0], values[OFFSET]);
         let total = config.lambda_msg * (message + config.lambda_control * control)
             + config.lambda_recon * recon
             + config.lambda_offset * offset;
-        let bit_accuracy = right as f32 / logits.len() as f32;
-        Ok(StepReport { message, control, mse: values[MSE], recon, offset, total, bit_accuracy })
+        let bit_accuracy = share_right(marked, &vec![0.0; self.target.len()], &self.message);
+        Ok(StepReport { message, control, mse: values[MSE], recon, offset, total, bit_accuracy, held_out: None })
     }
+
+    /// Fidelity and readability of the mark on clips that no step is taken on. Forward only, and without a trace:
+    /// every buffer that it writes is written anew by the next step before that reads it.
+    pub(super) fn measure(
+        &mut self,
+        device: &Device,
+        stage: &mut Stage,
+        clips: &[TrainingClip],
+        config: &EmbedConfig,
+    ) -> Result<HeldOutReport, EngineError> {
+        let (len, at) = (self.branches[0].logits.len(), NUM_VALUES + self.branches.len());
+        let (mut squares, mut marked, mut unmarked) = (0.0, Vec::new(), Vec::new());
+        for clip in clips {
+            let mut rec = device.recorder()?;
+            stage.render(&mut rec, clip)?;
+            self.fidelity(&mut rec, stage, clip, config)?;
+            let all = [&stage.resized, &clip.resized];
+            self.features.forward(&mut rec, &all[..self.branches.len()])?;
+            self.decoder.forward(&mut rec, self.features.features(), &mut self.pass)?;
+            rec.copy(&self.values, 0, &mut self.report, 0, NUM_VALUES)?;
+            rec.copy(&self.pass.logits, 0, &mut self.report, at, len * self.branches.len())?;
+            rec.submit()?;
+            let read = self.report.read()?;
+            let (of_marked, of_unmarked) = read[at..].split_at(len);
+            squares += read[MSE];
+            marked.extend_from_slice(of_marked);
+            unmarked.extend_from_slice(of_unmarked);
+        }
+        let psnr = -10.0 * (squares / clips.len() as f32).log10();
+        let bit_accuracy = share_right(&marked, &column_means(&unmarked, self.target.len()), &self.message);
+        let sum: f32 = marked.iter().chain(&unmarked).sum();
+        if psnr.is_nan() || !sum.is_finite() {
+            return Err(EngineError::NotFinite { what: "held-out figures".to_owned(), got: f64::from(psnr + sum) });
+        }
+        Ok(HeldOutReport { bit_accuracy, psnr })
+    }
+}
+
+/// Share of the message's bits that rows of logits show, each bit against its own `zero`.
+fn share_right(logits: &[f32], zero: &[f32], message: &Message) -> f32 {
+    let rows = logits.chunks_exact(zero.len());
+    let right = rows.flat_map(|row| row.iter().zip(zero).zip(message.bits())).filter(|((o, z), b)| (o > z) == *b);
+    right.count() as f32 / logits.len() as f32
+}
+
+/// Mean of each column; zeros without a row.
+fn column_means(rows: &[f32], columns: usize) -> Vec<f32> {
+    let share = 1.0 / (rows.len() / columns).max(1) as f32;
+    let mut means = vec![0.0; columns];
+    for row in rows.chunks_exact(columns) {
+        means.iter_mut().zip(row).for_each(|(mean, v)| *mean += share * v);
+    }
+    means
 }

@@ -29,7 +29,10 @@ pub fn loss<R: Real>(objective: Objective, value: R) -> R {
     match objective {
         Objective::Bce | Objective::Margin { .. } | Objective::Chance => value,
         Objective::InverseBce { eps } => inverse(value, eps),
-        Objective::Hinge { eps } => inverse(value.min(R::of(std::f64::consts::LN_2)), eps),
+        Objective::Hinge { eps } => {
+            let chance = R::of(std::f64::consts::LN_2);
+            inverse(if value > chance { chance } else { value }, eps)
+        }
     }
 }
 

@@ -98,8 +98,11 @@ pub fn backward<R: Real>(s: &AttentionShape, x: &Inputs<R>, v_attn: &[R]) -> (Ve
     for query in queries(s, x) {
         let (p, _) = probabilities(s, x, &query);
         let g = &v_attn[query.out..][..s.head_dim];
-        let dp: Vec<R> = (0..p.len()).map(|j| dot(g, &x.kv[query.v + j * x.kv_stride..][..s.head_dim])).collect();
-        let delta = dot(&p, &dp);
+        let value = |j: usize| &x.kv[query.v + j * x.kv_stride..][..s.head_dim];
+        let dp: Vec<R> = (0..p.len()).map(|j| dot(g, value(j))).collect();
+        // p · dp by way of the output, as in Dao et al. 2022, appendix B.4.
+        let attn = |d: usize| p.iter().enumerate().map(|(j, weight)| *weight * value(j)[d]).sum::<R>();
+        let delta = g.iter().enumerate().map(|(d, v)| *v * attn(d)).sum::<R>();
         for j in 0..p.len() {
             let slope = p[j] * (dp[j] - delta) * scale;
             let (k, v) = (query.k + j * x.kv_stride, query.v + j * x.kv_stride);

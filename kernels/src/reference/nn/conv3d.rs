@@ -120,9 +120,9 @@ pub fn relu<R: Real>(y: &mut [R]) {
     }
 }
 
-/// Gradient before the ReLU that made `y`: zero where `y <= 0`.
+/// Gradient before the ReLU that made `y`: zero where `y <= 0`, so a NaN lets it pass, as in `PyTorch`.
 pub fn relu_backward<R: Real>(y: &[R], v_y: &mut [R]) {
     for (v, y) in v_y.iter_mut().zip(y) {
-        *v = if *y > R::of(0.0) { *v } else { R::of(0.0) };
+        *v = if *y <= R::of(0.0) { R::of(0.0) } else { *v };
     }
 }

@@ -1,7 +1,9 @@
 //! Twin of `splat/rasterize_*`.
 
+use std::collections::HashSet;
+
 use super::project::Projected;
-use super::tile_bin::depth_order;
+use super::tile_bin::{TILE, depth_order, pruned_lists};
 use crate::reference::Real;
 
 const MAX_ALPHA: f64 = 0.99;
@@ -51,6 +53,38 @@ pub fn traverse<R: Real>(splats: &[Option<Projected<R>>], size: [usize; 2], mut 
     transmittance
 }
 
+/// As [`traverse`], and where one of the `factors` of the weights is not finite also the terms that vanish otherwise:
+/// in the kernels every splat of a tile's list meets all pixels of the tile, with weight 0 where it is skipped, and 0
+/// times what is not finite is NaN.
+fn each_term<R: Real>(
+    splats: &[Option<Projected<R>>],
+    size: [usize; 2],
+    factors: &[R],
+    mut visit: impl FnMut(Hit<R>),
+) -> Vec<R> {
+    if factors.iter().all(|v| v.f64().is_finite()) {
+        return traverse(splats, size, visit);
+    }
+    let mut met = HashSet::new();
+    let transmittance = traverse(splats, size, |hit| {
+        met.insert((hit.splat, hit.pixel));
+        visit(hit);
+    });
+    let [width, height] = size;
+    let tiles_x = width.div_ceil(TILE);
+    for (tile, list) in pruned_lists(splats, size).into_iter().enumerate() {
+        let (left, top) = (tile % tiles_x * TILE, tile / tiles_x * TILE);
+        for pixel in (0..TILE * TILE).map(|i| (left + i % TILE, top + i / TILE)) {
+            let inside = pixel.0 < width && pixel.1 < height;
+            let pixel = pixel.1 * width + pixel.0;
+            for splat in list.iter().copied().filter(|&s| inside && !met.contains(&(s, pixel))) {
+                visit(Hit { splat, pixel, weight: R::of(0.0) });
+            }
+        }
+    }
+    transmittance
+}
+
 /// Image `[H,W,4]`: rgb over the background, final transmittance. `colours` `[N,4]`.
 #[must_use]
 pub fn forward<R: Real>(
@@ -60,7 +94,7 @@ pub fn forward<R: Real>(
     size: [usize; 2],
 ) -> Vec<R> {
     let mut image = vec![R::of(0.0); 4 * size[0] * size[1]];
-    let transmittance = traverse(splats, size, |hit| {
+    let transmittance = each_term(splats, size, colours, |hit| {
         for k in 0..3 {
             image[4 * hit.pixel + k] += hit.weight * colours[4 * hit.splat + k];
         }
@@ -78,7 +112,7 @@ pub fn forward<R: Real>(
 #[must_use]
 pub fn backward<R: Real>(splats: &[Option<Projected<R>>], v_image: &[R], size: [usize; 2]) -> Vec<R> {
     let mut v_colours = vec![R::of(0.0); 4 * splats.len()];
-    traverse(splats, size, |hit| {
+    each_term(splats, size, v_image, |hit| {
         for k in 0..3 {
             v_colours[4 * hit.splat + k] += hit.weight * v_image[4 * hit.pixel + k];
         }

@@ -32,13 +32,23 @@ pub fn basis<R: Real>(d: [R; 3], degree: u32) -> [R; 16] {
         0.5 * c32 * z * (xx - yy),
         -c33 * x * (xx - 3.0 * yy),
     ];
-    let bases = ((degree + 1) * (degree + 1)) as usize;
-    std::array::from_fn(|j| R::of(if j < bases { all[j] } else { 0.0 }))
+    std::array::from_fn(|j| R::of(if j < bases(degree) { all[j] } else { 0.0 }))
 }
 
-/// Colour before the clamp of row `splat` of `coeffs` `[N,16,3]`.
-fn raw<R: Real>(coeffs: &[R], splat: usize, y: &[R; 16]) -> [R; 3] {
-    std::array::from_fn(|k| (0..16).fold(R::of(0.5), |sum, j| sum + y[j] * coeffs[48 * splat + 3 * j + k]))
+/// Number of bases up to `degree`.
+fn bases(degree: u32) -> usize {
+    ((degree + 1) * (degree + 1)) as usize
+}
+
+/// Colour before the clamp: the sum of `y` times row `splat` of `coeffs` `[N,16,3]`.
+fn raw<R: Real>(coeffs: &[R], splat: usize, y: &[R]) -> [R; 3] {
+    let term = |k: usize, (j, y): (usize, &R)| *y * coeffs[48 * splat + 3 * j + k];
+    std::array::from_fn(|k| y.iter().enumerate().fold(R::of(0.5), |sum, basis| sum + term(k, basis)))
+}
+
+/// `v` where the colour before the clamp is not below zero; NaN is not, and shows.
+fn unclamped<R: Real>(raw: R, v: R) -> R {
+    if raw < R::of(0.0) { R::of(0.0) } else { v }
 }
 
 /// Colours `[V,4]` of rows `splats` seen along `dirs` `[V,4]`; `coeffs` `[N,16,3]` includes the offsets.
@@ -46,7 +56,8 @@ fn raw<R: Real>(coeffs: &[R], splat: usize, y: &[R; 16]) -> [R; 3] {
 pub fn forward<R: Real>(coeffs: &[R], dirs: &[R], splats: &[usize], degree: u32) -> Vec<R> {
     let mut colours = Vec::new();
     for (d, &splat) in dirs.chunks_exact(4).zip(splats) {
-        let colour = raw(coeffs, splat, &basis([d[0], d[1], d[2]], degree)).map(|v| v.max(R::of(0.0)));
+        let y = basis([d[0], d[1], d[2]], degree);
+        let colour = raw(coeffs, splat, &y[..bases(degree)]).map(|v| unclamped(v, v));
         colours.extend([colour[0], colour[1], colour[2], R::of(0.0)]);
     }
     colours
@@ -58,12 +69,11 @@ pub fn backward<R: Real>(coeffs: &[R], dirs: &[R], splats: &[usize], degree: u32
     let mut v_coeffs = vec![R::of(0.0); coeffs.len()];
     for ((d, &splat), v) in dirs.chunks_exact(4).zip(splats).zip(v_colours.chunks_exact(4)) {
         let y = basis([d[0], d[1], d[2]], degree);
-        let colour = raw(coeffs, splat, &y);
-        for j in 0..16 {
+        let y = &y[..bases(degree)];
+        let colour = raw(coeffs, splat, y);
+        for (j, y) in y.iter().enumerate() {
             for k in 0..3 {
-                if colour[k] >= R::of(0.0) {
-                    v_coeffs[48 * splat + 3 * j + k] += y[j] * v[k];
-                }
+                v_coeffs[48 * splat + 3 * j + k] += *y * unclamped(colour[k], v[k]);
             }
         }
     }

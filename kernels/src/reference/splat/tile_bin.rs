@@ -4,6 +4,9 @@ use super::project::Projected;
 use super::rasterize::{Hit, traverse};
 use crate::reference::Real;
 
+/// Side of a tile in px.
+pub const TILE: usize = 8;
+
 /// Splats in the order they are blended: by depth, ties by index.
 #[must_use]
 pub fn depth_order<R: Real>(splats: &[Option<Projected<R>>]) -> Vec<usize> {
@@ -13,14 +16,14 @@ pub fn depth_order<R: Real>(splats: &[Option<Projected<R>>]) -> Vec<usize> {
     order
 }
 
-/// For each 8 x 8 tile the splats, front to back, that reach a pixel of it which has not stopped.
+/// For each tile the splats, front to back, that reach a pixel of it which has not stopped.
 #[must_use]
 pub fn pruned_lists<R: Real>(splats: &[Option<Projected<R>>], size: [usize; 2]) -> Vec<Vec<usize>> {
-    let tiles_x = size[0].div_ceil(8);
-    let mut lists = vec![Vec::new(); tiles_x * size[1].div_ceil(8)];
+    let tiles_x = size[0].div_ceil(TILE);
+    let mut lists = vec![Vec::new(); tiles_x * size[1].div_ceil(TILE)];
     traverse(splats, size, |hit: Hit<R>| {
         let (x, y) = (hit.pixel % size[0], hit.pixel / size[0]);
-        let list: &mut Vec<usize> = &mut lists[(y / 8) * tiles_x + x / 8];
+        let list: &mut Vec<usize> = &mut lists[(y / TILE) * tiles_x + x / TILE];
         if list.last() != Some(&hit.splat) {
             list.push(hit.splat);
         }

@@ -1,0 +1,107 @@
+//! Where buffers live, what is counted of them, and what is said when there is no room.
+
+use guard4d_engine::EngineError;
+use guard4d_kernels::KernelError;
+use guard4d_kernels::vk::{DeviceKind, MemoryPropertyFlags as Property, MemoryType, MemoryUse, work_memory};
+
+use crate::support::gpu::own_device;
+
+const LOCAL: Property = Property::DEVICE_LOCAL;
+const HOST: Property = Property::from_raw(Property::HOST_VISIBLE.as_raw() | Property::HOST_COHERENT.as_raw());
+const CACHED: Property = Property::HOST_CACHED;
+
+/// A memory table: properties and heap of each type.
+fn table(types: &[(Property, u32)]) -> Vec<MemoryType> {
+    types.iter().map(|&(property_flags, heap_index)| MemoryType { property_flags, heap_index }).collect()
+}
+
+/// Types in the order in which they are tried, one list for each mask.
+fn order(types: &[(Property, u32)], kind: DeviceKind) -> Vec<Vec<usize>> {
+    let masks = work_memory(&table(types), kind);
+    masks.iter().map(|mask| (0..types.len()).filter(|i| mask >> i & 1 == 1).collect()).collect()
+}
+
+#[test]
+fn a_software_driver_has_one_type_and_it_is_mapped() {
+    let llvmpipe = [(LOCAL | HOST | CACHED, 0)];
+    assert_eq!(order(&llvmpipe, DeviceKind::Cpu), [[0]]);
+}
+
+#[test]
+fn shared_memory_is_mapped_and_cached_where_that_exists() {
+    // An integrated GPU whose first type is not mapped, and whose first mapped type is not cached.
+    let integrated = [(LOCAL, 0), (LOCAL | HOST, 0), (LOCAL | HOST | CACHED, 0), (LOCAL | Property::PROTECTED, 0)];
+    assert_eq!(order(&integrated, DeviceKind::Integrated), [[2], [1], [0], [3]], "protected memory comes last");
+    let uncached = [(LOCAL, 0), (LOCAL | HOST, 0)];
+    assert_eq!(order(&uncached, DeviceKind::Integrated), [[1], [0]]);
+    // Part of the main memory set aside for the GPU; what is outside it is not its own.
+    let carved = [(LOCAL, 0), (HOST, 1), (LOCAL | HOST, 2), (HOST | CACHED, 1)];
+    assert_eq!(order(&carved, DeviceKind::Integrated), [[2], [0]], "the larger heap when the mapped one is full");
+}
+
+#[test]
+fn a_card_keeps_its_own_memory_whatever_it_lets_the_host_see() {
+    let small_window = [(LOCAL, 0), (HOST, 1), (HOST | CACHED, 1), (LOCAL | HOST, 2)];
+    assert_eq!(order(&small_window, DeviceKind::Discrete), [[0], [3]]);
+    let no_window = &small_window[..3];
+    assert_eq!(order(no_window, DeviceKind::Discrete), [[0]]);
+    // All of the card's memory is in the window, and a driver lists the mapped type first.
+    let resizable = [(LOCAL | HOST, 0), (HOST | CACHED, 1), (LOCAL, 0)];
+    assert_eq!(order(&resizable, DeviceKind::Discrete), [[2], [0]]);
+    let mapped_only = [(HOST, 1), (LOCAL | HOST, 0)];
+    assert_eq!(order(&mapped_only, DeviceKind::Discrete), [[1]], "better than nothing");
+}
+
+#[test]
+fn of_other_devices_the_heaps_decide() {
+    let visible = [(LOCAL, 0), (LOCAL | HOST, 0), (HOST, 1)];
+    let hidden = [(LOCAL, 0), (LOCAL | HOST, 1), (HOST, 2)];
+    for kind in [DeviceKind::Virtual, DeviceKind::Other] {
+        assert_eq!(order(&visible, kind), [[1], [0]], "{kind:?}: all of its memory can be mapped");
+        assert_eq!(order(&hidden, kind), [[0], [1]], "{kind:?}: part of it cannot");
+    }
+    assert!(order(&[(HOST, 0)], DeviceKind::Other).is_empty(), "nothing is local");
+}
+
+#[test]
+fn memory_in_use_and_its_peak_are_counted() {
+    let Some(gpu) = own_device() else { return };
+    assert_eq!(gpu.memory_use(), MemoryUse::default(), "nothing yet");
+    let len = 1000;
+    let bytes = (len * size_of::<f32>()) as u64;
+    let first = gpu.buffer::<f32>("first", len).expect("buffer");
+    let second = gpu.buffer::<f32>("second", len).expect("buffer");
+    let both = gpu.memory_use();
+    assert!(both.live_bytes >= 2 * bytes && both.peak_bytes >= both.live_bytes, "{both:?}");
+    drop(first);
+    let one = gpu.memory_use();
+    assert!(one.live_bytes >= bytes && one.live_bytes < both.live_bytes, "{one:?}");
+    assert_eq!(one.peak_bytes, both.peak_bytes, "the peak stays");
+    assert_eq!(second.read().expect("read"), vec![0.0; len]);
+    drop(second);
+    assert_eq!(gpu.memory_use().live_bytes, 0);
+    if matches!(gpu.info().kind, DeviceKind::Cpu | DeviceKind::Integrated) {
+        // A staging buffer for the zeros or for the reading would have added to it.
+        assert_eq!(gpu.memory_use().peak_bytes, both.live_bytes, "no copy through another buffer");
+    }
+}
+
+#[test]
+fn no_room_is_an_error_that_names_who_holds_the_memory() {
+    let Some(gpu) = own_device() else { return };
+    let held: Vec<_> = [("small", 100), ("large", 5000), ("middle", 1000), ("tiny", 10)]
+        .iter()
+        .map(|&(name, len)| gpu.buffer::<f32>(name, len).expect("buffer"))
+        .collect();
+    // A terabyte; no device has one.
+    let error = gpu.buffer::<f32>("scene of a lifetime", 1 << 38).expect_err("no room");
+    let KernelError::Allocation { name, bytes, reason } = &error else { panic!("{error:?}") };
+    assert_eq!((name.as_str(), *bytes), ("scene of a lifetime", 1 << 40));
+    let places = ["`large` ", "`middle` ", "`small` "].map(|name| reason.find(name).expect("it is named"));
+    assert!(places.is_sorted(), "the largest first: {reason}");
+    assert!(!reason.contains("tiny") && reason.contains("4 buffers hold"), "{reason}");
+    let message = error.to_string();
+    assert!(message.contains("1099511627776 bytes for `scene of a lifetime`"), "{message}");
+    assert_eq!(EngineError::from(error).exit_code(), 69);
+    assert_eq!(held[1].read().expect("read"), vec![0.0; 5000], "what was there is as it was");
+}

@@ -1,0 +1,153 @@
+//! What a training step takes, and what it shows of clips that it never sees.
+
+use guard4d_engine::scene::{Camera, CameraSet, View};
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, HeldOutReport, Profile, Start, StepReport};
+use guard4d_engine::watermark::evaluate::HeldOut;
+use guard4d_engine::watermark::evidence::ExtractorMode;
+use guard4d_engine::watermark::extractor::{ExtractorWeights, Reader};
+use guard4d_engine::watermark::tmsd::{TmsdConfig, TmsdWeights};
+
+use crate::support::close::assert_close;
+use crate::support::gpu::{Gpu, device, staged_device};
+use crate::support::owner::{BITS, Owner};
+
+fn config(owner: &Owner, mode: ExtractorMode) -> EmbedConfig {
+    let tmsd = EmbedConfig::new(Profile::Draft, mode).tmsd;
+    EmbedConfig { mode, tmsd, responses: BITS as usize, size_px: (32, 32), ..owner.config.clone() }
+}
+
+#[test]
+fn a_step_allocates_nothing_even_where_the_host_cannot_see_device_memory() {
+    let Some(gpu) = staged_device() else { return };
+    let taken = || gpu.memory_use().allocations;
+    let (plain, readback) = (gpu.buffer::<f32>("plain", 4), gpu.readback::<f32>("readback", 4));
+    for (buffer, allocations) in [(plain.expect("buffer"), 1), (readback.expect("buffer"), 0)] {
+        let before = taken();
+        buffer.read().expect("reads");
+        assert_eq!(taken() - before, allocations, "allocations of reading {buffer:?}");
+    }
+    let owner = Owner::new(&gpu);
+    let mut fitted: Option<ExtractorWeights> = None;
+    for mode in [ExtractorMode::Joint, ExtractorMode::Blind, ExtractorMode::None] {
+        // Every loss, so that every kernel of a step runs.
+        let every_loss = EmbedConfig { lambda_recon: 1.0, lambda_offset: 1.0, ..config(&owner, mode) };
+        let config = EmbedConfig { steps: 6, views: 1, held_out_every: 2, ..every_loss };
+        // Only `joint` trains its extractor; the others step alike on any that they are given.
+        let given = fitted.take().map(|weights| without(mode, weights));
+        let start = given.as_ref().map_or(Start::Fit, Start::Frozen);
+        let mut embedding = Embedding::prepare_with(owner.subject(&gpu), config, start).expect("prepares");
+        fitted = Some(embedding.fitted().clone());
+        let mut after = Vec::new();
+        for step in 1..=5 {
+            let report = embedding.step().expect("steps").expect("there are six");
+            assert_eq!(report.held_out.is_some(), step % 2 == 0, "{mode:?}: measured after step {step}");
+            assert!(report.recon.is_finite() && report.offset.is_finite(), "{mode:?}: {report:?}");
+            assert!(step == 1 || report.recon > 0.0 && report.offset > 0.0, "{mode:?}, every loss: {report:?}");
+            assert_eq!(report.control > 0.0, mode == ExtractorMode::Joint, "{mode:?}: {report:?}");
+            after.push(taken());
+        }
+        assert_eq!(after[1], after[4], "{mode:?}: allocations after each step: {after:?}");
+    }
+}
+
+/// What a mode that comes without the network, or without R, keeps of an extractor.
+fn without(mode: ExtractorMode, weights: ExtractorWeights) -> ExtractorWeights {
+    let map_alone = |t: TmsdWeights| TmsdWeights { config: TmsdConfig::colour_map_only(), layers: Vec::new(), ..t };
+    let tmsd = weights.tmsd.filter(|_| mode != ExtractorMode::None).map(map_alone);
+    ExtractorWeights { mode, tmsd, ..weights }
+}
+
+type Shots = Vec<(Camera, f32)>;
+
+/// Takes all steps.
+fn train(mut embedding: Embedding<'_>) -> (Vec<StepReport>, Embedded) {
+    let reports = std::iter::from_fn(|| embedding.step().expect("steps")).collect();
+    (reports, embedding.finish().expect("finishes"))
+}
+
+/// Films clips that share their times.
+fn film(gpu: &Gpu, owner: &Owner, embedded: &Embedded, clips: &[Shots]) -> HeldOut {
+    let shots = clips.iter().flatten().enumerate();
+    let view = |(i, (camera, time)): (usize, &(Camera, f32))| View {
+        name: i.to_string(),
+        camera: *camera,
+        times: vec![*time],
+    };
+    let cameras = CameraSet { views: shots.map(view).collect() };
+    let filmed = HeldOut::shoot(gpu, &owner.model, &embedded.sh_coeffs, &cameras).expect("films");
+    assert_eq!(filmed.marked.len(), clips.len(), "clip by clip");
+    filmed
+}
+
+/// The held-out figures of a finished embedding, by way of frames and the extractor that is delivered.
+fn recomputed(gpu: &Gpu, owner: &Owner, embedded: &Embedded, clips: &[Shots]) -> HeldOutReport {
+    let bits = BITS as usize;
+    let mut reader = Reader::new(gpu, &owner.clip, &owner.key, &embedded.extractor).expect("belongs to the key");
+    let (mut marked, mut clean, mut squares, mut values) = (Vec::new(), Vec::new(), 0.0f64, 0.0f64);
+    let filmed = film(gpu, owner, embedded, clips);
+    for (with, without) in filmed.marked.iter().zip(&filmed.clean) {
+        for (a, b) in with.iter().zip(without) {
+            let square = |(a, b): (&u8, &u8)| (f64::from(a.abs_diff(*b)) / 255.0).powi(2);
+            squares += a.rgb().iter().zip(b.rgb()).map(square).sum::<f64>();
+            values += a.rgb().len() as f64;
+        }
+        marked.extend(reader.logits(with).expect("reads"));
+        clean.extend(reader.logits(without).expect("reads"));
+    }
+    let joint = embedded.extractor.mode == ExtractorMode::Joint;
+    let rows = clean.len() / bits;
+    let mean = |bit: usize| clean.iter().skip(bit).step_by(bits).sum::<f32>() / rows as f32;
+    let zero: Vec<f32> = (0..bits).map(|bit| if joint { mean(bit) } else { 0.0 }).collect();
+    let said: Vec<bool> = owner.message.bits().collect();
+    let right = (0..marked.len()).filter(|i| (marked[*i] > zero[i % bits]) == said[i % bits]).count();
+    let psnr = -10.0 * (squares / values).log10();
+    HeldOutReport { bit_accuracy: right as f32 / marked.len() as f32, psnr: psnr as f32 }
+}
+
+/// Trains with and without held-out clips.
+fn check_held_out(mode: ExtractorMode) {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let off = EmbedConfig { steps: 3, ..config(&owner, mode) };
+    let on = EmbedConfig { held_out_every: 2, ..off.clone() };
+    let mut embedding = Embedding::prepare(owner.subject(&gpu), on).expect("prepares");
+    let training: Shots = embedding.training_shots().flatten().copied().collect();
+    let held_out: Vec<Shots> = embedding.held_out_shots().map(<[_]>::to_vec).collect();
+    assert_eq!(training.len(), 2 * held_out[0].len(), "two training clips");
+    for (camera, time) in held_out.iter().flatten() {
+        let seen = |(c, t): &(Camera, f32)| c.world_to_camera == camera.world_to_camera || t == time;
+        assert!(!training.iter().any(seen), "neither a view nor a time of a training clip");
+    }
+    let before = embedding.held_out().expect("measures").expect("there are clips");
+    assert!(before.psnr.is_infinite() && before.psnr > 0.0, "nothing to see yet: {before:?}");
+    let (mut reports, embedded) = train(embedding);
+    let measured: Vec<_> = reports.iter_mut().map(|r| r.held_out.take()).collect();
+    let asked: Vec<_> = measured.iter().map(Option::is_some).collect();
+    assert_eq!(asked, [false, true, true], "every second step, and the last");
+    let last = measured[2].expect("the last step is measured");
+    let want = recomputed(&gpu, &owner, &embedded, &held_out);
+    // Sums of f32 against f64: far below a thousandth of a dB.
+    assert_close(&[last.psnr], &[want.psnr], 1e-3, 0.0);
+    // A logit within rounding of its zero may fall on either side: one of them is allowed to.
+    let one = 1.0 / (held_out.iter().map(Vec::len).sum::<usize>() * BITS as usize) as f32;
+    assert_close(&[last.bit_accuracy], &[want.bit_accuracy], 1.001 * one, 0.0);
+
+    let start = if mode == ExtractorMode::Joint { Start::Fit } else { Start::Frozen(&embedded.extractor) };
+    let plain = Embedding::prepare_with(owner.subject(&gpu), off, start).expect("prepares");
+    assert_eq!(plain.held_out_shots().count(), 0, "nobody asks");
+    let (unmeasured, same) = train(plain);
+    assert_eq!(reports, unmeasured, "what the steps see");
+    let bits = |e: &Embedded| e.sh_coeffs.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    assert!(bits(&embedded) == bits(&same), "measuring leaves no trace in the mark");
+    assert_eq!(embedded.extractor, same.extractor, "nor in the extractor");
+}
+
+#[test]
+fn held_out_figures_of_blind_are_those_of_the_finished_mark() {
+    check_held_out(ExtractorMode::Blind);
+}
+
+#[test]
+fn held_out_figures_of_joint_are_those_of_the_finished_mark() {
+    check_held_out(ExtractorMode::Joint);
+}
