@@ -270,6 +270,9 @@ pub(crate) struct VerifyArgs {
     /// Clips that surely carry no mark, as further controls
     #[arg(long)]
     pub(crate) unrelated: Vec<PathBuf>,
+    /// Keys of others, as long as the owner's: each must not find its own message
+    #[arg(long)]
+    pub(crate) other_key: Vec<PathBuf>,
 }
 
 #[derive(Args, Debug)]

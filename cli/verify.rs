@@ -1,12 +1,15 @@
 //! `guard4d verify`
 
+use std::path::PathBuf;
+
 use guard4d_engine::EngineError;
 use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::scene::Model;
 use guard4d_engine::watermark::evidence::{PStatement, Verdict};
 use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::message::Payload;
-use guard4d_engine::watermark::verify::{Case, Exhibits, Report, clean_clips};
+use guard4d_engine::watermark::other_keys::OtherKeys;
+use guard4d_engine::watermark::verify::{Case, Exhibits, Report, Stranger, clean_clips};
 
 use crate::args::{Common, VerifyArgs};
 use crate::devices;
@@ -24,7 +27,9 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
         Some(path) => clean_clips(&device, &Model::open(path)?, &cameras(&args.views)?)?,
         None => Vec::new(),
     };
-    let exhibits = Exhibits { suspects: args.clips.clone(), unrelated: args.unrelated.clone(), clean };
+    let stranger = |path: &PathBuf| Ok(Stranger { name: path.display().to_string(), key: Key::read(path, &clip)? });
+    let strangers = args.other_key.iter().map(stranger).collect::<Result<_, EngineError>>()?;
+    let exhibits = Exhibits { suspects: args.clips.clone(), unrelated: args.unrelated.clone(), clean, strangers };
     let case = Case { device: &device, clip: &clip, key: &key, message, receipt: &args.receipt };
     let report = case.verify(&exhibits, &read_options())?;
     print(common, &report, human)?;
@@ -48,21 +53,18 @@ pub(crate) fn human(report: &Report) -> String {
         ("evidence", evidence_in_words(e.mode).to_owned()),
         ("p-value", p),
         ("inverted message", format!("{} of {} match", e.panel.inverted.leak.matches, e.num_bits)),
-        (
-            "other keys' messages",
-            format!(
-                "best of {} matches {} bits; {} do as well as the claim",
-                e.panel.other_messages.num_messages,
-                e.panel.other_messages.most_matches,
-                e.panel.other_messages.as_good
-            ),
-        ),
+        ("other keys' messages", other_keys_in_words(&e.panel.other_messages)),
+        ("other keys' readings", other_keys_in_words(&e.panel.other_readings)),
     ];
     for control in &e.panel.supplied {
         rows.push((
             "control",
             format!("{}: {} of {} match", control.name, control.leak.matches, control.leak.num_bits),
         ));
+    }
+    if !e.panel.not_run.is_empty() {
+        let kinds: Vec<String> = e.panel.not_run.iter().map(ToString::to_string).collect();
+        rows.push(("controls not run", kinds.join(", ")));
     }
     for reason in &e.reasons {
         rows.push(("because", reason.to_string()));
@@ -71,6 +73,11 @@ pub(crate) fn human(report: &Report) -> String {
         rows.push(("damaged", line.clone()));
     }
     table(&rows)
+}
+
+fn other_keys_in_words(keys: &OtherKeys) -> String {
+    let OtherKeys { num_keys, most_matches, as_good, .. } = keys;
+    format!("the best of {num_keys} throw-away keys matches {most_matches} bits; {as_good} do as well as the claim")
 }
 
 fn p_in_words(p: &PStatement) -> String {

@@ -220,12 +220,16 @@ impl Study {
     fn key(&self, args: &Args, seed: u8) -> Result<Key, EngineError> {
         let path = args.keys.join(format!("seed{seed}-{}bits-{}.key", args.bits, self.origin.clip));
         if path.exists() {
-            return Key::read(&path, &self.clip);
+            match Key::read(&path, &self.clip) {
+                Ok(key) => return Ok(key),
+                // Of an earlier version, say; the seed gives it again.
+                Err(error) => eprintln!("{error}"),
+            }
         }
         eprintln!("making {}", path.display());
         let secret = MasterSecret::from_bytes([seed + 1; 32]);
         let (key, _) = Key::generate(&self.device, &self.clip, secret, args.bits)?;
-        key.write(&path, Existing::Refuse)?;
+        key.write(&path, Existing::Replace)?;
         Ok(key)
     }
 }

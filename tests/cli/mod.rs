@@ -1,10 +1,12 @@
 //! The program itself: exit codes, messages, what goes to stdout, and what is left on disk.
 
+mod controls;
 mod demo;
 mod devices;
 mod dump;
 mod embed;
 mod inputs;
+mod keygen;
 mod models;
 mod outputs;
 mod usage;

@@ -83,6 +83,9 @@ fn files_of_another_run_are_refused() {
     let per_splat = RawView::contiguous(&[SPLATS + 1]);
     let table = bare("BoolStorage", &per_splat, 4, &[1; SPLATS + 1]);
     refused("deformation_table.pth", &table, &["shape: [4]", "[3], one row per splat of point_cloud.ply"]);
+    let per_splat = RawView::contiguous(&[SPLATS + 1, 3]);
+    let accum = bare("FloatStorage", &per_splat, 3 * (SPLATS as i32 + 1), &[0; 12 * (SPLATS + 1)]);
+    refused("deformation_accum.pth", &accum, &["shape: [4, 3]", "[3, 3], one row per splat of point_cloud.ply"]);
     let model = TinyModel::new();
     model.write(&model.saved(PLY), &ply::encode(&gaussians(SPLATS + 1, 3, 1)));
     let words = ["deformation_table.pth", "shape: [3]", "[4], one row per splat"];

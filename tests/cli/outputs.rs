@@ -1,9 +1,10 @@
 //! Outputs appear whole or not at all.
 
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
 use std::fs;
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 
 use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::scene::ply;
@@ -11,7 +12,8 @@ use guard4d_engine::scene::ply;
 use super::{Run, command, guard4d, names, put, scratch};
 use crate::scene::fixture::{TinyModel, gaussians};
 use crate::support::gpu::device;
-use crate::support::owner::key_file;
+use crate::support::owner::{delivered, key_file};
+use crate::support::skipped_unless_required;
 
 #[test]
 fn what_exists_is_kept_unless_asked() {
@@ -72,34 +74,96 @@ fn a_place_that_cannot_be_written_is_told() {
     assert_eq!(names(folder.path()), ["file"], "nothing is written");
 }
 
-/// Runs the program with a small file system of its own mounted at `disk`, and lists what it left there. The mount lives
-/// in a namespace and goes with it. `None`, with the reason printed, where this user may not mount.
-fn on_disk(disk: &Path, options: &str, args: &[&dyn AsRef<OsStr>]) -> Option<Run> {
-    let script = "mount -t tmpfs -o \"$0\" tmpfs \"$1\" || exit 99
-        disk=$1; shift; \"$@\"; code=$?; ls -A \"$disk\"; exit $code";
-    let program = command(args);
-    let mut outer = Command::new("unshare");
-    outer.args(["--user", "--map-root-user", "--mount", "sh", "-c", script, options]).arg(disk);
-    outer.arg(program.get_program()).args(program.get_args());
+/// Mounts a small file system at a folder, runs the program, and lists what it left there.
+const ON_DISK: &str = "disk=$1; shift
+    mount -t tmpfs -o \"$0\" tmpfs \"$disk\" || exit 99
+    trap 'umount \"$disk\"' EXIT
+    \"$@\"; code=$?; ls -A \"$disk\"; exit $code";
+/// Ways to the right to mount: in a namespace that goes with it, as root, or through sudo without a password.
+const MAY_MOUNT: [&[&str]; 3] = [&["unshare", "--user", "--map-root-user", "--mount"], &[], &["sudo", "-n"]];
+
+/// The words of a shell command that runs `program` with its settings; sudo keeps little of the environment.
+fn words_of(program: &Command) -> Vec<OsString> {
+    let (mut unset, mut set) = (vec![OsString::from("env")], Vec::new());
     for (name, value) in program.get_envs() {
         match value {
-            Some(value) => outer.env(name, value),
-            None => outer.env_remove(name),
-        };
+            Some(value) => set.push([name, value].join(OsStr::new("="))),
+            None => unset.extend([OsString::from("-u"), name.to_owned()]),
+        }
     }
-    // 99 is the mount's failure, 1 that of `unshare` itself.
-    let ran = outer.output().ok().filter(|o| o.status.code().is_some_and(|code| code != 99 && code != 1));
+    let rest = std::iter::once(program.get_program()).chain(program.get_args());
+    unset.into_iter().chain(set).chain(rest.map(OsStr::to_owned)).collect()
+}
+
+/// Runs the program with a small file system of its own mounted at `disk`, and lists what it left there. `None`, with
+/// the reason printed, where this user may not mount; where nothing may be skipped that is a failure.
+fn on_disk(disk: &Path, options: &str, args: &[&dyn AsRef<OsStr>]) -> Option<Run> {
+    let program = words_of(&command(args));
+    let run = |way: &[&str]| {
+        let mut words: Vec<&OsStr> = way.iter().map(OsStr::new).collect();
+        words.extend(["sh", "-c", ON_DISK, options].map(OsStr::new));
+        words.push(disk.as_os_str());
+        words.extend(program.iter().map(OsString::as_os_str));
+        Command::new(words[0]).args(&words[1..]).output().ok()
+    };
+    // 99 is the mount's failure, 1 that of `unshare` or `sudo` itself.
+    let went = |o: &Output| o.status.code().is_some_and(|code| code != 99 && code != 1);
+    let ran = MAY_MOUNT.into_iter().find_map(|way| run(way).filter(went));
     if ran.is_none() {
-        crate::support::skipped("this user may not mount a small file system");
+        skipped_unless_required("this user may mount nothing: neither in a namespace, nor as root, nor through sudo");
     }
     ran.map(Run::of)
 }
 
+/// Permission bits stop every user but root, so root becomes nobody; the program and its inputs are copied to where
+/// nobody may read.
 #[test]
-fn a_read_only_place_is_told() {
-    if device().is_none() {
+fn a_place_without_permission_is_told() {
+    let folder = scratch();
+    let path = folder.path();
+    let program = path.join("guard4d");
+    // By another process: a file that this one has open for writing cannot be started by a fork of its other threads.
+    let copied = Command::new("cp").arg(env!("CARGO_BIN_EXE_guard4d")).arg(&program).status();
+    assert!(copied.is_ok_and(|status| status.success()), "there is room for a copy");
+    let locked = path.join("locked");
+    fs::create_dir(&locked).expect("writable");
+    let model = put(path, "model.ply", &ply::encode(&gaussians(3, 1, 3)));
+    let secret = put(path, "secret.ply", &ply::encode(&gaussians(3, 1, 3)));
+    for (place, mode) in [(path, 0o755), (&program, 0o755), (&locked, 0o555), (&model, 0o644), (&secret, 0o000)] {
+        fs::set_permissions(place, fs::Permissions::from_mode(mode)).expect("our own files");
+    }
+    let may_write_anywhere = fs::write(locked.join("probe"), b"").is_ok();
+    if may_write_anywhere {
+        fs::remove_file(locked.join("probe")).expect("written a moment ago");
+    }
+    let run = |args: &[&dyn AsRef<OsStr>]| {
+        let mut words = words_of(&command(args));
+        let at = words.iter().position(|word| word == env!("CARGO_BIN_EXE_guard4d")).expect("the program");
+        words[at] = program.clone().into_os_string();
+        let nobody = ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"];
+        let mut outer = Command::new(if may_write_anywhere { nobody[0] } else { "env" });
+        if may_write_anywhere {
+            outer.args(&nobody[1..]).arg("env");
+        }
+        outer.args(&words[1..]).output().ok().map(Run::of)
+    };
+    if run(&[&"--version"]).is_none_or(|run| run.code != 0) {
+        skipped_unless_required("root cannot become nobody here");
         return;
     }
+    let refused = |args: &[&dyn AsRef<OsStr>], code: i32, words: &[&str]| {
+        run(args).expect("it ran a moment ago").refused(code, &[words, &["Permission denied"]].concat());
+    };
+    let out = locked.join("out");
+    refused(&[&"keygen", &"--out", &out], 73, &["out: cannot create"]);
+    refused(&[&"embed", &model, &"--key", &"none.key", &"--out", &out], 73, &["out: cannot create"]);
+    refused(&[&"inspect", &secret], 74, &["secret.ply"]);
+    assert_eq!(names(&locked), [""; 0], "nothing is written");
+}
+
+#[test]
+fn a_read_only_place_is_told() {
+    let Some(gpu) = device() else { return };
     let (folder, tiny) = (scratch(), TinyModel::new());
     let (disk, model) = (folder.path(), tiny.path());
     let out = disk.join("out");
@@ -107,7 +171,10 @@ fn a_read_only_place_is_told() {
     let render: [&dyn AsRef<OsStr>; 4] = [&"render", &model, &"--out", &out];
     let Some(run) = on_disk(disk, "ro", &render) else { return };
     run.refused(73, &words);
-    let commands: [&[&dyn AsRef<OsStr>]; 3] = [
+    let owner = delivered(&gpu);
+    let (marked, undo) = (owner.join("out/marked"), owner.join("out/private/undo.safetensors"));
+    let commands: [&[&dyn AsRef<OsStr>]; 4] = [
+        &[&"embed", &marked, &"--undo", &undo, &"--out", &out],
         &[&"dump", &"deform", &model, &"--time", &"0", &"--out", &out],
         &[&"embed", &model, &"--key", &"none.key", &"--out", &out],
         &[&"keygen", &"--out", &out],
@@ -138,16 +205,27 @@ fn a_full_disk_leaves_nothing_behind() {
     let mut embed: Vec<&dyn AsRef<OsStr>> = vec![&"embed", &small, &"--key", &key, &"--quiet", &"--out", &out];
     let settings: Vec<&str> = settings.split(' ').collect();
     embed.extend(settings.iter().map(|word| word as &dyn AsRef<OsStr>));
-    let mut commands = vec![("16k", embed), ("64k", dump.to_vec()), ("64k", [frames, &[&out]].concat())];
+    let owner = delivered(&gpu);
+    let (marked, undo) = (owner.join("out/marked"), owner.join("out/private/undo.safetensors"));
+    let restore: &[&dyn AsRef<OsStr>] = &[&"embed", &marked, &"--undo", &undo, &"--out", &out];
+    // Without a file left to make, the key is refused before its half minute of work.
+    let keygen: &[&dyn AsRef<OsStr>] = &[&"keygen", &"--out", &out];
+    let mut commands = vec![
+        (74, "size=16k", embed),
+        (74, "size=64k", dump.to_vec()),
+        (74, "size=64k", [frames, &[&out]].concat()),
+        (74, "size=64k", restore.to_vec()),
+        (73, "nr_inodes=1", keygen.to_vec()),
+    ];
     if crate::support::has_ffmpeg() {
-        commands.push(("4k", [frames, &[&video]].concat()));
+        commands.push((74, "size=4k", [frames, &[&video]].concat()));
     }
-    for (size, args) in commands {
-        let Some(run) = on_disk(&disk, &format!("size={size}"), &args) else { return };
+    for (code, options, args) in commands {
+        let Some(run) = on_disk(&disk, options, &args) else { return };
         // A trained embedding's checkpoint may fit where its output does not, and is worth keeping.
         let left = run.stdout.replace("out.checkpoint.safetensors\n", "");
         assert_eq!(left, "", "nothing is left");
-        Run { stdout: left, ..run }.refused(74, &["No space left on device"]);
+        Run { stdout: left, ..run }.refused(code, &["No space left on device"]);
     }
 }
 

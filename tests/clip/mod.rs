@@ -9,26 +9,26 @@ use guard4d_engine::tensor_file::{TensorFile, Values};
 use crate::support::close::assert_close;
 
 /// Sizes of a tower's transformer.
-struct Tower {
-    width: usize,
-    inner: usize,
-    layers: usize,
+pub(crate) struct Tower {
+    pub(crate) width: usize,
+    pub(crate) inner: usize,
+    pub(crate) layers: usize,
 }
 
 /// Sizes of a checkpoint.
-struct Dims {
-    projection: usize,
-    vocab: usize,
-    positions: usize,
-    text: Tower,
-    vision: Tower,
-    patch: usize,
-    patches: usize,
+pub(crate) struct Dims {
+    pub(crate) projection: usize,
+    pub(crate) vocab: usize,
+    pub(crate) positions: usize,
+    pub(crate) text: Tower,
+    pub(crate) vision: Tower,
+    pub(crate) patch: usize,
+    pub(crate) patches: usize,
 }
 
 impl Dims {
     /// Names and shapes of all tensors, written down here once more: the loader's own list is under test.
-    fn tensors(&self) -> Vec<(String, Vec<usize>)> {
+    pub(crate) fn tensors(&self) -> Vec<(String, Vec<usize>)> {
         let (text, vision) = (self.text.width, self.vision.width);
         let mut all = vec![
             ("logit_scale".to_owned(), vec![]),

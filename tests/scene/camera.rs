@@ -91,6 +91,43 @@ fn times_above_one_are_scaled_and_frames_of_one_camera_are_grouped() {
     assert_eq!(unscaled.views[0].times, [0.1, 0.9], "times within [0,1] stay");
 }
 
+/// 4DGaussians trains with frame time / largest time of training and test files, also below 1.
+#[test]
+fn times_of_a_dataset_are_scaled_by_its_training_and_test_files() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let write = |name: &str, times: &[f64]| {
+        let frames: Vec<Value> = times.iter().map(|&time| frame(time)).collect();
+        fs::write(folder.path().join(name), transforms(&frames).to_string()).expect("writable");
+    };
+    let times = |name: &str| {
+        let set = CameraSet::open(&folder.path().join(name), ImageSize::DNERF).expect(name);
+        set.views[0].times.clone()
+    };
+    let (train, test, val) = ("transforms_train.json", "transforms_test.json", "transforms_val.json");
+    write(test, &[0.0, 0.3]);
+    assert_eq!(times(test), [0.0, 0.3], "alone it may be the start of anything");
+    write(train, &[0.0, 0.6]);
+    write(val, &[0.15, 0.45]);
+    write("mine.json", &[0.0, 0.3]);
+    assert_eq!(times(test), [0.0, 0.5]);
+    assert_eq!(times(train), [0.0, 1.0]);
+    assert_eq!(times(val), [0.25, 0.75]);
+    assert_eq!(times("mine.json"), [0.0, 0.3], "no file of the dataset");
+    write(train, &[0.0, 80.0]);
+    write(test, &[20.0, 160.0]);
+    assert_eq!((times(train), times(test)), (vec![0.0, 0.5], vec![0.125, 1.0]), "frame numbers");
+    write(train, &[0.0, 0.0]);
+    write(test, &[0.0, 0.0]);
+    assert_eq!(times(train), [0.0, 0.0], "one moment");
+    fs::write(folder.path().join(test), "{\"frames\": 7}").expect("writable");
+    match CameraSet::open(&folder.path().join(train), ImageSize::DNERF) {
+        Err(EngineError::BadData { path, field, .. }) => {
+            assert_eq!((path, field), (folder.path().join(test), "json".to_owned()))
+        }
+        other => panic!("the dataset's other file must be refused: {other:?}"),
+    }
+}
+
 #[test]
 fn files_without_times_leave_them_open() {
     let mut still = frame(0.0);

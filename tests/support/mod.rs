@@ -10,6 +10,7 @@ pub(crate) mod poison;
 pub(crate) mod pth_builder;
 pub(crate) mod random;
 pub(crate) mod raster;
+pub(crate) mod tiny_clip;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -38,6 +39,13 @@ pub(crate) fn skipped(why: &str) {
     let line = format!("SKIPPED {}: {why}\n", thread.name().unwrap_or("a test"));
     // A closed standard error is no reason to fail.
     let _ = std::io::stderr().write_all(line.as_bytes());
+}
+
+/// As [`skipped`], but a failure where a skip is none: in continuous integration and in `./x test`.
+pub(crate) fn skipped_unless_required(why: &str) {
+    let required = ["CI", "GUARD4D_REQUIRE_VULKAN"].into_iter().find(|name| std::env::var_os(name).is_some());
+    assert!(required.is_none(), "{why}; {} is set, so nothing may be skipped", required.unwrap_or_default());
+    skipped(why);
 }
 
 /// Whether ffmpeg is here; without it a test is skipped, in continuous integration it fails.

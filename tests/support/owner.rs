@@ -11,6 +11,7 @@ use guard4d_engine::scene::{CameraSet, ImageSize, Model};
 use guard4d_engine::tensor_file::{Tensor, TensorFile};
 use guard4d_engine::watermark::decoder::DecoderWeights;
 use guard4d_engine::watermark::delivery::{self, Delivery};
+use guard4d_engine::watermark::digest::Digest;
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, Subject};
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::key::{Key, digest_of};
@@ -90,30 +91,44 @@ pub(crate) fn key_file(clip: &Clip) -> TensorFile {
     key_file_of(clip, SECRET, 11)
 }
 
-/// The key file of anyone; its decoder is drawn from `seed`.
-pub(crate) fn key_file_of(clip: &Clip, bytes: [u8; 32], seed: u64) -> TensorFile {
-    let secret = MasterSecret::from_bytes(bytes);
+/// The key file of anyone, of [`BITS`] bits; its decoder is drawn from `seed`.
+pub(crate) fn key_file_of(clip: &Clip, secret: [u8; 32], seed: u64) -> TensorFile {
+    key_file_with(clip, secret, BITS, seed)
+}
+
+/// The same of any length.
+pub(crate) fn key_file_with(clip: &Clip, secret: [u8; 32], bits: u32, seed: u64) -> TensorFile {
+    let hex: String = secret.iter().map(|byte| format!("{byte:02x}")).collect();
+    let secret = MasterSecret::from_bytes(secret);
     let (text, width) = (&clip.config().text_config, clip.config().projection_dim);
     let vocabulary = Vocabulary { size: text.vocab_size as u32, context: text.max_position_embeddings as u32 };
-    let table = TokenTable::derive(&Prf::new(&secret), vocabulary, BITS).expect("the vocabulary is large");
+    let table = TokenTable::derive(&Prf::new(&secret), vocabulary, bits).expect("the vocabulary is large");
     let mut file = TensorFile::default();
-    let entries = [("format", "guard4d.key/1".to_owned()), ("bits", BITS.to_string())];
+    let entries = [("format", "guard4d.key/1".to_owned()), ("bits", bits.to_string())];
     file.meta.extend(entries.map(|(name, text)| (name.to_owned(), text)));
     file.meta.insert("clip".to_owned(), digest_of(clip).to_string());
-    file.meta.insert("secret".to_owned(), bytes.iter().map(|byte| format!("{byte:02x}")).collect());
+    file.meta.insert("secret".to_owned(), hex);
     let ids = table.ids().as_flattened().to_vec();
-    file.tensors.insert("token_table".to_owned(), Tensor::u32(&[BITS as usize, 2], ids));
+    file.tensors.insert("token_table".to_owned(), Tensor::u32(&[bits as usize, 2], ids));
     let mut random = Random(seed);
     let mut add = |name: String, shape: &[usize], size: f32| {
         let values = random.vec_f32(shape.iter().product(), -size, size);
         file.tensors.insert(name, Tensor::f32(shape, values));
     };
     add("text_mean".to_owned(), &[width], 0.05);
-    add("codes".to_owned(), &[BITS as usize, width], 0.05);
-    for (i, (inputs, outputs)) in DecoderWeights::sizes(width, BITS as usize).into_iter().enumerate() {
+    add("codes".to_owned(), &[bits as usize, width], 0.05);
+    for (i, (inputs, outputs)) in DecoderWeights::sizes(width, bits as usize).into_iter().enumerate() {
         add(format!("decoder.{i}.weight"), &[outputs, inputs], 0.1);
         add(format!("decoder.{i}.bias"), &[outputs], 0.1);
     }
+    sealed(file)
+}
+
+/// A key file with the hash of its content as it is now.
+pub(crate) fn sealed(mut file: TensorFile) -> TensorFile {
+    file.meta.remove("content");
+    let content = Digest::of(&file.to_bytes().expect("serialises")).to_string();
+    file.meta.insert("content".to_owned(), content);
     file
 }
 

@@ -57,6 +57,19 @@ fn content_sits_at_its_level_around_the_mean() {
 }
 
 #[test]
+fn coordinates_are_projections_of_the_mean_feature() {
+    let (content, _) = features(9);
+    let map = fitted(9);
+    let want = projected(&map, &content[..WIDTH]);
+    let narrow = |v: &[f64]| v.iter().map(|x| *x as f32).collect::<Vec<_>>();
+    // Sums of f64 products in another order.
+    assert_close(&narrow(&map.coordinates(&content[..WIDTH])), &narrow(&want), 1e-6, 1e-6);
+    let centre = map.coordinates(&content);
+    // The mean feature of the fit is rounded to f32.
+    assert!(centre.iter().all(|z| z.abs() < 1e-5), "unmarked clips have their mean at 0: {centre:?}");
+}
+
+#[test]
 fn directions_shrink_as_features_grow() {
     let (content, responses) = features(4);
     let twice = |v: &[f32]| v.iter().map(|x| 2.0 * x).collect::<Vec<_>>();

@@ -1,10 +1,14 @@
 //! Verdicts: what is said, and what keeps it from being said.
 
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+
 use guard4d_engine::watermark::evidence::{
     Claim, DecisionStatistic, Evidence, ExtractorMode, PStatement, Reason, Thresholds, Verdict, judge,
 };
-use guard4d_engine::watermark::message::Message;
+use guard4d_engine::watermark::message::{Message, Payload};
 use guard4d_engine::watermark::null_panel::{Control, ControlKind, ControlState, Leak};
+use guard4d_engine::watermark::other_keys::{NUM_OTHER_KEYS, ThrowawayKeys};
 use guard4d_engine::watermark::prf::{MasterSecret, Prf, Purpose, standard_normal};
 use guard4d_engine::watermark::reading::Reading;
 
@@ -30,6 +34,16 @@ fn noise(num_bits: u32, frames: u32, index: u64) -> Reading {
     Reading::from_logits(&logits, num_bits).expect("finite")
 }
 
+/// Our throw-away keys at some clip, derived once per length: hundreds of judgements share them.
+fn throwaway(num_bits: u32) -> &'static ThrowawayKeys {
+    static KEYS: Mutex<BTreeMap<u32, &'static ThrowawayKeys>> = Mutex::new(BTreeMap::new());
+    let derive = || {
+        let keys = ThrowawayKeys::derive(&prf(), noise(num_bits, 8, 999).mean_logits()).expect("finite");
+        &*Box::leak(Box::new(keys))
+    };
+    KEYS.lock().expect("no test fails in here").entry(num_bits).or_insert_with(derive)
+}
+
 fn verify(
     message: &Message,
     mode: ExtractorMode,
@@ -37,8 +51,9 @@ fn verify(
     controls: &[Control],
     rule: &Thresholds,
 ) -> Evidence {
-    let claim = Claim { message: *message, mode, reading, side_px: 400, controls };
-    judge(&claim, rule, &prf()).expect("lengths and thresholds fit")
+    let throwaway = throwaway(message.num_bits());
+    let claim = Claim { message: *message, mode, reading, throwaway, side_px: 400, controls };
+    judge(&claim, rule).expect("lengths and thresholds fit")
 }
 
 fn control(kind: ControlKind, reading: Reading, message: Message) -> Control {
@@ -95,8 +110,9 @@ fn few_or_small_frames_are_inconclusive_either_way() {
         assert!(has(&evidence, |r| matches!(r, Reason::TooFewFrames { got: 1, needed: 8 })), "{:?}", evidence.reasons);
     }
     let reading = says(&message, 0, 8);
-    let claim = Claim { message, mode: ExtractorMode::None, reading: &reading, side_px: 32, controls: &[] };
-    let evidence = judge(&claim, &rule, &prf()).expect("lengths fit");
+    let throwaway = throwaway(48);
+    let claim = Claim { message, mode: ExtractorMode::None, reading: &reading, throwaway, side_px: 32, controls: &[] };
+    let evidence = judge(&claim, &rule).expect("lengths fit");
     assert_eq!(evidence.verdict, Verdict::Inconclusive);
     assert!(has(&evidence, |r| matches!(r, Reason::FramesTooSmall { .. })), "{:?}", evidence.reasons);
 }
@@ -142,7 +158,7 @@ fn many_reciting_clips_fire_together() {
 fn controls_fire_by_chance_as_rarely_as_promised() {
     let rule = Thresholds { fpr: 1e-3, control_level: 0.05, ..Thresholds::default() };
     let codeword = Message::from_value(0x00ff_f00f, 32).expect("32 bits");
-    let rng = &mut prf().stream(Purpose::NullMessages, 78);
+    let rng = &mut prf().stream(Purpose::OtherKeys, 78);
     let fired = (0..400).filter(|_| {
         let message = Message::random(32, rng).expect("32 bits");
         let clean = [0; 3].map(|_| control(ControlKind::CleanRender, says(&codeword, 0, 8), message));
@@ -164,15 +180,50 @@ fn the_anti_message_is_noticed_and_is_not_present() {
     assert_eq!(straight.panel.inverted.leak.state, ControlState::Quiet);
 }
 
+/// Best match of the messages that the throw-away keys of an owner would embed, derived here once more.
+fn best_of_others(reading: &Reading, owner: &Prf) -> u32 {
+    let others = (0..NUM_OTHER_KEYS).map(|index| {
+        let secret = owner.mac(Purpose::OtherKeys, &index.to_le_bytes());
+        let other = Prf::new(&MasterSecret::from_bytes(*secret.as_bytes()));
+        let own = Payload::Random(32).message(&other).expect("32 bits");
+        reading.matches(&own).expect("32 bits")
+    });
+    others.max().expect("there are some")
+}
+
 #[test]
-fn other_messages_rank_the_claim() {
+fn throw_away_keys_rank_the_claim() {
     let message = owner(32);
-    let panel = verify(&message, ExtractorMode::None, &says(&message, 0, 8), &[], &Thresholds::default()).panel;
-    let others = &panel.other_messages;
-    assert_eq!((others.num_messages, others.as_good, others.false_positives), (1000, 0, 0));
-    assert!((others.rank_p_value - 1.0 / 1001.0).abs() < 1e-15, "{others:?}");
-    // The best of 1000 chance matches of 32 bits: 29 has p = 1.3e-6, so 1000 draws reach it once in 800 runs.
-    assert!((20..29).contains(&others.most_matches), "{others:?}");
+    let reading = says(&message, 0, 8);
+    let panel = verify(&message, ExtractorMode::None, &reading, &[], &Thresholds::default()).panel;
+    for others in [&panel.other_messages, &panel.other_readings] {
+        assert_eq!((others.num_keys, others.as_good, others.false_positives), (1000, 0, 0));
+        assert!((others.rank_p_value - 1.0 / 1001.0).abs() < 1e-15, "{others:?}");
+        // The best of 1000 chance matches of 32 bits: 29 has p = 1.3e-6, so 1000 draws reach it once in 800 runs.
+        assert!((20..29).contains(&others.most_matches), "{others:?}");
+    }
+    assert_eq!(panel.other_messages.most_matches, best_of_others(&reading, &prf()), "keys follow from the owner's");
+}
+
+/// Unlike the message of a throw-away key, its reading depends on the clip.
+#[test]
+fn throw_away_keys_read_by_their_own_calibration() {
+    let message = owner(16);
+    let reading = says(&message, 0, 8);
+    let judged = |coordinates: &[f64]| {
+        let throwaway = &ThrowawayKeys::derive(&prf(), coordinates).expect("finite");
+        let claim =
+            Claim { message, mode: ExtractorMode::None, reading: &reading, throwaway, side_px: 400, controls: &[] };
+        judge(&claim, &Thresholds::default()).expect("lengths fit").panel
+    };
+    let coordinates = reading.mean_logits();
+    let scaled: Vec<f64> = coordinates.iter().map(|z| 0.01 * z).collect();
+    assert_eq!(judged(coordinates), judged(&scaled), "the strength of a mark is no part of a reading");
+    let opposite: Vec<f64> = coordinates.iter().map(|z| -z).collect();
+    let best = |coordinates: &[f64]| judged(coordinates).other_readings.most_matches;
+    // Of 1000 chance matches of 16 bits the best are 13 or more but in 2 of 100,000 runs.
+    let bests = [best(coordinates), best(&opposite), best(noise(16, 8, 200).mean_logits())];
+    assert!(bests.iter().all(|best| (13..=16).contains(best)), "{bests:?}");
 }
 
 #[test]
@@ -241,8 +292,24 @@ fn poison_and_wrong_lengths_are_errors() {
         assert_eq!(Reading::from_logits(logits, num_bits).expect_err("length").exit_code(), 2);
     }
     let reading = noise(16, 8, 0);
-    let claim = Claim { message: owner(32), mode: ExtractorMode::None, reading: &reading, side_px: 400, controls: &[] };
-    assert_eq!(judge(&claim, &Thresholds::default(), &prf()).expect_err("lengths").exit_code(), 2);
+    let mut claim = Claim {
+        message: owner(32),
+        mode: ExtractorMode::None,
+        reading: &reading,
+        throwaway: throwaway(16),
+        side_px: 400,
+        controls: &[],
+    };
+    let refused = |claim: &Claim<'_>| judge(claim, &Thresholds::default()).expect_err("refused").exit_code();
+    assert_eq!(refused(&claim), 2, "a message of another length than the clip's");
+    claim.message = owner(16);
+    claim.throwaway = throwaway(32);
+    assert_eq!(refused(&claim), 2, "throw-away keys of another length");
+    for poison in [f64::NAN, f64::INFINITY] {
+        let refused = ThrowawayKeys::derive(&prf(), &[1.0, poison]).expect_err("coordinates that are no numbers");
+        assert_eq!(refused.exit_code(), 70, "{refused}");
+    }
+    assert_eq!(ThrowawayKeys::derive(&prf(), &[]).expect_err("no bits").exit_code(), 2);
 }
 
 #[test]
@@ -285,7 +352,7 @@ fn reciting_extractors_accuse_no_one() {
     let rule = Thresholds { fpr: 1e-3, ..Thresholds::default() };
     let codeword = Message::from_value(0xffff_0fff, 32).expect("32 bits");
     let suspect = says(&codeword, 0, 8);
-    let rng = &mut prf().stream(Purpose::NullMessages, 77);
+    let rng = &mut prf().stream(Purpose::OtherKeys, 77);
     let present = (0..300).filter(|_| {
         let message = Message::random(32, rng).expect("32 bits");
         verify(&message, ExtractorMode::None, &suspect, &[], &rule).verdict == Verdict::Present

@@ -124,7 +124,7 @@ proptest! {
 /// Every bit of random messages is 1 half of the time.
 #[test]
 fn random_messages_are_balanced() {
-    let rng = &mut prf(9).stream(Purpose::NullMessages, 0);
+    let rng = &mut prf(9).stream(Purpose::OtherKeys, 0);
     let mut ones = [0_u32; 128];
     for _ in 0..4000 {
         for (count, bit) in ones.iter_mut().zip(Message::random(128, rng).expect("128 bits").bits()) {

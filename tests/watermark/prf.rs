@@ -37,7 +37,7 @@ fn streams_differ_by_key_purpose_and_index() {
         Purpose::Calibration,
         Purpose::Embedding,
         Purpose::ControlNoise,
-        Purpose::NullMessages,
+        Purpose::OtherKeys,
         Purpose::SwapMessage,
         Purpose::MessageMac,
         Purpose::KeyId,

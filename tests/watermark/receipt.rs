@@ -21,7 +21,7 @@ fn message() -> Message {
     Message::from_value(0xcafe_f00d, 32).expect("32 bits")
 }
 
-fn body() -> ReceiptBody {
+pub(crate) fn body() -> ReceiptBody {
     let psnr = PsnrSummary::of(&[SquaredError { sum: 0.011, num_samples: 300 }]).expect("one view");
     ReceiptBody {
         tool: Tool::current(),

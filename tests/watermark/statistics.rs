@@ -199,7 +199,7 @@ fn p_values_are_uniform_for_biased_extractors() {
 
 /// Soft-score and match p-values of a fixed extractor answer for random messages.
 fn p_values_of_random_messages(logits: &[f64], trials: u32) -> (Vec<f64>, Vec<f64>) {
-    let rng = &mut prf(6).stream(Purpose::NullMessages, 0);
+    let rng = &mut prf(6).stream(Purpose::OtherKeys, 0);
     let null = SoftScoreNull::new(logits).expect("finite");
     let bits: Vec<bool> = logits.iter().map(|o| *o > 0.0).collect();
     let read = Message::from_bits(&bits).expect("32 bits");

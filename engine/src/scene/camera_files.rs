@@ -10,6 +10,9 @@ use super::camera::{Camera, CameraSet, ImageSize, View, invert_rigid};
 use super::{bad_data, narrow, read_file};
 use crate::error::EngineError;
 
+/// Files of one D-NeRF dataset. Its times are divided by the largest of the first two, whichever file is read.
+const DATASET: [&str; 3] = ["transforms_train.json", "transforms_test.json", "transforms_val.json"];
+
 /// How far a stored rotation may be from orthonormal: camera files keep at least 4 digits.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
@@ -46,6 +49,17 @@ struct Frame {
     transform_matrix: [[f64; 4]; 4],
 }
 
+/// The times of another file of the dataset; nothing else of it matters.
+#[derive(Deserialize)]
+struct Times {
+    frames: Vec<Timed>,
+}
+
+#[derive(Deserialize)]
+struct Timed {
+    time: Option<f64>,
+}
+
 /// One entry of INRIA's `cameras.json`; camera-to-world rotation with OpenCV axes.
 #[derive(Deserialize)]
 struct InriaCamera {
@@ -72,35 +86,43 @@ struct SingleCamera {
 impl CameraSet {
     /// Reads a camera file of any known kind; `size` is used where the file does not tell the image size.
     ///
-    /// Frames of one camera become one [`View`]. Times above 1 are divided by the largest one.
+    /// Frames of one camera become one [`View`]. A file of a D-NeRF dataset has its times divided by the largest time
+    /// of the dataset's training and test files, as 4DGaussians does when it trains; any other file only if a time is
+    /// above 1, and then by its own largest.
     ///
     /// # Errors
-    /// [`EngineError::MissingInput`], [`EngineError::Io`], and those of [`CameraSet::parse`].
+    /// [`EngineError::MissingInput`], [`EngineError::Io`], and those of [`CameraSet::parse`], also for the dataset's
+    /// other file.
     pub fn open(path: &Path, size: ImageSize) -> Result<Self, EngineError> {
-        Self::parse(path, &read_file(path, "a camera file")?, size)
+        let json = read_file(path, "a camera file")?;
+        Reader { path, size, dataset_end: dataset_end(path)? }.read(&json)
     }
 
-    /// Parses `json`, which came from `path`.
+    /// Parses `json`, which came from `path`, without looking at other files.
     ///
     /// # Errors
     /// [`EngineError::BadData`] naming the frame and field that is malformed, not finite, or no rigid transform, and for
     /// lens distortion, which is not rendered.
     pub fn parse(path: &Path, json: &[u8], size: ImageSize) -> Result<Self, EngineError> {
-        let kinds = "transforms (frames[].transform_matrix), INRIA cameras.json, or one world_to_camera_row_major";
-        let value: serde_json::Value =
-            serde_json::from_slice(json).map_err(|error| bad_data(path, "json", error, kinds))?;
-        let reader = Reader { path, size };
-        if value.is_array() {
-            return reader.inria(parse_as(path, value)?);
-        }
-        if value.get("frames").is_some() {
-            return reader.transforms(parse_as(path, value)?);
-        }
-        if value.get("world_to_camera_row_major").is_some() {
-            return reader.single(parse_as(path, value)?);
-        }
-        Err(bad_data(path, "json", "another kind of file", kinds))
+        Reader { path, size, dataset_end: None }.read(json)
     }
+}
+
+/// Largest time of the dataset's other files, if `path` is one of a dataset that has both a training and a test file.
+fn dataset_end(path: &Path) -> Result<Option<f64>, EngineError> {
+    let [train, test, _] = DATASET.map(|name| path.with_file_name(name));
+    let of_dataset = path.file_name().is_some_and(|name| DATASET.iter().any(|known| name == *known));
+    if !(of_dataset && train.is_file() && test.is_file()) {
+        return Ok(None);
+    }
+    let mut end: Option<f64> = None;
+    for file in [train, test].iter().filter(|file| *file != path) {
+        let expected = "frames with their times, as in the dataset's other files";
+        let times: Times = serde_json::from_slice(&read_file(file, "a camera file")?)
+            .map_err(|error| bad_data(file, "json", error, expected))?;
+        end = times.frames.into_iter().filter_map(|frame| frame.time).chain(end).reduce(f64::max);
+    }
+    Ok(end)
 }
 
 fn parse_as<T: for<'a> Deserialize<'a>>(path: &Path, value: serde_json::Value) -> Result<T, EngineError> {
@@ -111,9 +133,28 @@ fn parse_as<T: for<'a> Deserialize<'a>>(path: &Path, value: serde_json::Value) -
 struct Reader<'a> {
     path: &'a Path,
     size: ImageSize,
+    /// Largest time of the dataset's other files.
+    dataset_end: Option<f64>,
 }
 
 impl Reader<'_> {
+    fn read(&self, json: &[u8]) -> Result<CameraSet, EngineError> {
+        let path = self.path;
+        let kinds = "transforms (frames[].transform_matrix), INRIA cameras.json, or one world_to_camera_row_major";
+        let value: serde_json::Value =
+            serde_json::from_slice(json).map_err(|error| bad_data(path, "json", error, kinds))?;
+        if value.is_array() {
+            return self.inria(parse_as(path, value)?);
+        }
+        if value.get("frames").is_some() {
+            return self.transforms(parse_as(path, value)?);
+        }
+        if value.get("world_to_camera_row_major").is_some() {
+            return self.single(parse_as(path, value)?);
+        }
+        Err(bad_data(path, "json", "another kind of file", kinds))
+    }
+
     fn transforms(&self, file: Transforms) -> Result<CameraSet, EngineError> {
         let lens = self.lens(&file)?;
         let mut times = self.times(&file.frames)?.into_iter();
@@ -187,7 +228,9 @@ impl Reader<'_> {
             let field = format!("frames[{number}].time");
             return Err(bad_data(self.path, field, times[number], "at least 0"));
         }
-        let largest = times.iter().copied().fold(1.0, f64::max);
+        // A file on its own is taken at its word up to 1: it may be a part of a dataset that ends later.
+        let least = self.dataset_end.filter(|end| *end > 0.0).unwrap_or(1.0);
+        let largest = times.iter().copied().fold(least, f64::max);
         Ok(times.into_iter().map(|time| narrow(time / largest)).collect())
     }
 

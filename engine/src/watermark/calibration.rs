@@ -102,6 +102,18 @@ impl Calibration {
         })
     }
 
+    /// Coordinates `[L]` of the mean of some features `[n, D]` along the calibrated directions: 0 where unmarked clips
+    /// have their mean, about ±1 per written bit.
+    ///
+    /// # Equation: z = directionsᵀ (mean f − mean_image), in f64
+    #[must_use]
+    pub fn coordinates(&self, features: &[f32]) -> Vec<f64> {
+        let (width, bits) = (self.mean_image.len(), self.mean_logits.len());
+        let mean_image = rows(&self.mean_image, width);
+        let moved = rows(features, width).row_mean() - mean_image;
+        (moved * rows(&self.directions, bits)).iter().copied().collect()
+    }
+
     /// The decoder with this map folded into its first layer, so that it reads image features directly, and the mean
     /// logits into its last.
     #[must_use]
@@ -155,6 +167,15 @@ pub fn bit_codes(features: &[f32], signs: &[f32], mean: &[f32], bits: usize) -> 
     let width = mean.len();
     let centred = DMatrix::from_fn(features.len() / width, width, |i, j| f64::from(features[i * width + j] - mean[j]));
     row_major(&(rows(signs, bits).tr_mul(&centred) / centred.nrows().max(1) as f64))
+}
+
+/// The coordinates that a calibration mixed by another key has: a rotation of a rotated frame is one more rotation.
+///
+/// # Shapes
+/// in `coordinates` [L] · out [L]
+pub(super) fn remix(coordinates: &[f64], rng: &mut ChaCha20Rng) -> Vec<f64> {
+    let mixed = random_rotation(coordinates.len(), rng).tr_mul(&DVector::from_column_slice(coordinates));
+    mixed.iter().copied().collect()
 }
 
 /// A uniformly distributed rotation (QR of a Gaussian matrix, with the signs of R's diagonal).

@@ -13,8 +13,8 @@ use crate::error::EngineError;
 const MIN_SINGULAR_VALUE: f32 = 0.002;
 /// Share of held-out bits that must be read up to 32 bits, and above.
 const MIN_ACCURACY: [f64; 2] = [1.0, 0.9999];
-/// Rows whose spectrum stands for all.
-const SPECTRUM_ROWS: usize = 4_096;
+/// Messages whose spectrum stands for all.
+pub const SPECTRUM_ROWS: usize = 4_096;
 /// Held-out features per batch.
 const BATCH: usize = 512;
 
@@ -46,15 +46,26 @@ pub fn mean_row(features: &[f32], width: usize) -> Vec<f32> {
     sum.into_iter().map(|s| (s / rows) as f32).collect()
 }
 
-/// Spectrum of the first rows of `features` `[n, width]` around `mean`.
-#[must_use]
-pub fn spectrum(features: &[f32], width: usize, mean: &[f32]) -> Spectrum {
-    let rows = (features.len() / width).min(SPECTRUM_ROWS);
+/// Spectrum of features `[n, width]` around their mean.
+///
+/// # Errors
+/// [`EngineError::BadData`] for features that are no numbers, on which no eigenvalue iteration would end.
+pub fn spectrum(features: &[f32], width: usize, clip: &Path) -> Result<Spectrum, EngineError> {
+    if let Some(value) = features.iter().find(|v| !v.is_finite()) {
+        return Err(EngineError::BadData {
+            path: clip.to_owned(),
+            field: "message features".to_owned(),
+            got: value.to_string(),
+            expected: "finite numbers: this checkpoint cannot carry a message".to_owned(),
+        });
+    }
+    let mean = mean_row(features, width);
+    let rows = features.len() / width;
     let centred = nalgebra::DMatrix::from_fn(rows, width, |i, j| features[i * width + j] - mean[j]);
     let gram = centred.tr_mul(&centred) / rows.max(1) as f32;
     let mut values: Vec<f32> = gram.symmetric_eigenvalues().iter().map(|v| v.max(0.0).sqrt()).collect();
     values.sort_by(|a, b| b.total_cmp(a));
-    Spectrum(values)
+    Ok(Spectrum(values))
 }
 
 /// Refuses features whose L-th direction is too weak.

@@ -9,10 +9,11 @@ use super::delivery::thresholds;
 use super::embed::Subject;
 use super::evaluate::{HeldOut, leak, read_clips};
 use super::evidence::{Claim, Evidence, judge};
-use super::extractor::{ExtractorWeights, Reader};
+use super::extractor::{ExtractorWeights, Reader, Sight};
 use super::key::Key;
 use super::message::{Message, Payload};
 use super::null_panel::{Control, ControlKind, Leak};
+use super::other_keys::ThrowawayKeys;
 use super::prf::Purpose;
 use super::reading::Reading;
 use crate::error::EngineError;
@@ -106,19 +107,21 @@ fn evidence(
     controls: &[Control],
 ) -> Result<Evidence, EngineError> {
     let mut reader = Reader::new(subject.device, subject.clip, subject.key, extractor)?;
-    let mut logits = Vec::new();
+    let mut sight = Sight::default();
     for clip in &held_out.marked {
-        logits.extend(reader.logits(clip)?);
+        sight.extend(&reader.look(clip)?);
     }
+    let prf = subject.key.prf();
     let sides = held_out.marked.iter().flatten().map(|frame| frame.width().min(frame.height()));
     let claim = Claim {
         message: *subject.message,
         mode: extractor.mode,
-        reading: &Reading::from_logits(&logits, subject.message.num_bits())?,
+        reading: &Reading::from_logits(&sight.logits, subject.message.num_bits())?,
+        throwaway: &ThrowawayKeys::derive(&prf, &extractor.calibration.coordinates(&sight.features))?,
         side_px: sides.min().unwrap_or(0),
         controls,
     };
-    judge(&claim, &thresholds(subject.key.bits()), &subject.key.prf())
+    judge(&claim, &thresholds(subject.key.bits()))
 }
 
 /// The message of the second copy in a swap: it shares half of its bits with the first one's.

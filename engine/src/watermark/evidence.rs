@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::message::Message;
 use super::null_panel::{Control, ControlKind, NullPanel, PanelLevels};
-use super::prf::Prf;
+use super::other_keys::ThrowawayKeys;
 use super::reading::{Reading, Spread};
 use super::statistics::{SoftScoreNull, empirical_fpr_bound, match_p_value, required_matches};
 use crate::EngineError;
@@ -119,6 +119,8 @@ pub struct Claim<'a> {
     pub mode: ExtractorMode,
     /// Its answer.
     pub reading: &'a Reading,
+    /// The owner's throw-away keys and what they read.
+    pub throwaway: &'a ThrowawayKeys,
     /// Shorter side of the suspect frames.
     pub side_px: u32,
     /// Readings that must be at chance.
@@ -259,13 +261,13 @@ pub struct Evidence {
 ///
 /// # Errors
 /// [`EngineError::Usage`] for inconsistent lengths or thresholds.
-pub fn judge(claim: &Claim<'_>, thresholds: &Thresholds, prf: &Prf) -> Result<Evidence, EngineError> {
+pub fn judge(claim: &Claim<'_>, thresholds: &Thresholds) -> Result<Evidence, EngineError> {
     thresholds.validate()?;
     let Claim { message, reading, .. } = claim;
     let num_bits = message.num_bits();
     let matches = reading.matches(message)?;
     let levels = PanelLevels { fpr: thresholds.fpr, control_level: thresholds.control_level };
-    let panel = NullPanel::run(reading, message, claim.controls, prf, &levels)?;
+    let panel = NullPanel::run(claim, &levels)?;
     let p_value = state_p_value(claim, &panel)?;
     let (verdict, reasons) = decide(claim, thresholds, &p_value, &panel);
     let alone = thresholds.fpr / f64::from(thresholds.num_claims);

@@ -237,6 +237,42 @@ pub enum Training {
     Tmsd,
 }
 
+/// What an extractor sees in frames.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sight {
+    /// Image features `[n, D]`.
+    pub features: Vec<f32>,
+    /// Logits of the key's decoder `[n, L]`.
+    pub logits: Vec<f32>,
+}
+
+impl Sight {
+    /// Appends what was seen in further frames.
+    pub fn extend(&mut self, more: &Self) {
+        self.features.extend_from_slice(&more.features);
+        self.logits.extend_from_slice(&more.logits);
+    }
+}
+
+/// What `key` makes of features that an extractor has seen already: logits `[n, L]`.
+///
+/// # Errors
+/// When the device fails.
+pub fn decode(
+    device: &Device,
+    key: &Key,
+    calibration: &Calibration,
+    features: &[f32],
+) -> Result<Vec<f32>, EngineError> {
+    let decoder = Decoder::new(device, &calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;
+    let mut pass = decoder.pass(device, features.len() / key.text_mean.len())?;
+    let input = device.buffer_from("decode.features", features)?;
+    let mut rec = device.recorder()?;
+    decoder.forward(&mut rec, &input, &mut pass)?;
+    rec.submit()?;
+    Ok(pass.logits.read()?)
+}
+
 /// A ready extractor that reads 8-bit frames.
 #[derive(Debug)]
 pub struct Reader {
@@ -273,12 +309,20 @@ impl Reader {
         })
     }
 
-    /// Logits of every frame `[n, L]`, read in clips of [`CLIP_FRAMES`]; a last, shorter clip repeats its last
+    /// Logits of every frame `[n, L]`.
+    ///
+    /// # Errors
+    /// Those of [`Reader::look`].
+    pub fn logits(&mut self, frames: &[Frame]) -> Result<Vec<f32>, EngineError> {
+        Ok(self.look(frames)?.logits)
+    }
+
+    /// Features and logits of every frame, seen in clips of [`CLIP_FRAMES`]; a last, shorter clip repeats its last
     /// frame, and the repetitions are not counted.
     ///
     /// # Errors
     /// [`EngineError::Usage`] without a frame or with frames of different sizes; when the device fails.
-    pub fn logits(&mut self, frames: &[Frame]) -> Result<Vec<f32>, EngineError> {
+    pub fn look(&mut self, frames: &[Frame]) -> Result<Sight, EngineError> {
         let Some(first) = frames.first() else {
             return Err(EngineError::Usage {
                 what: "clip".to_owned(),
@@ -291,7 +335,7 @@ impl Reader {
         let plan = ResizePlan::new(&self.device, size, ImageSize { height: side, width: side })?;
         let mut scratch = plan.scratch(&self.device, CLIP_FRAMES)?;
         let mut full = self.device.buffer::<f32>("reader.clip", CLIP_FRAMES * size.height * size.width * 4)?;
-        let mut logits = Vec::with_capacity(frames.len() * self.bits);
+        let mut sight = Sight::default();
         for chunk in frames.chunks(CLIP_FRAMES) {
             for i in 0..CLIP_FRAMES {
                 let frame = &chunk[i.min(chunk.len() - 1)];
@@ -309,9 +353,10 @@ impl Reader {
             self.features.forward(&mut rec, &[&self.resized])?;
             self.decoder.forward(&mut rec, self.features.features(), &mut self.pass)?;
             rec.submit()?;
-            let read = self.pass.logits.read_range(0..chunk.len() * self.bits)?;
-            logits.extend_from_slice(&read);
+            let width = self.features.features().len() / CLIP_FRAMES;
+            sight.features.extend(self.features.features().read_range(0..chunk.len() * width)?);
+            sight.logits.extend(self.pass.logits.read_range(0..chunk.len() * self.bits)?);
         }
-        Ok(logits)
+        Ok(sight)
     }
 }

@@ -19,6 +19,8 @@ use crate::tensor_file::{Tensor, TensorFile};
 
 /// `format` entry of a key file.
 const FORMAT: &str = "guard4d.key/1";
+/// Entry with the hash of everything else in a key file.
+const CONTENT: &str = "content";
 /// Messages the decoder is trained on (method: at least 20,000).
 const TRAINING_MESSAGES: usize = 20_480;
 /// Messages it is tested on, never trained on.
@@ -83,17 +85,10 @@ impl Key {
         let prf = Prf::new(&secret);
         let table = TokenTable::derive(&prf, vocabulary(clip), bits)?;
         let messages = draw_messages(&prf, bits)?;
-        let mut sequences = Vec::new();
-        for message in &messages {
-            sequences.extend(table.sequence(message)?);
-        }
-        let features = clip.text()?.embed(&sequences, bits as usize + 2)?.features;
+        let (features, spectrum) = text_features(clip, &table, &messages)?;
         let width = clip.config().projection_dim;
         let (train, held_out) = features.split_at(TRAINING_MESSAGES * width);
         let text_mean = capacity::mean_row(train, width);
-        let spectrum = capacity::spectrum(train, width, &text_mean);
-        capacity::check_spectrum(&spectrum, bits as usize, clip.path())?;
-
         let targets: Vec<f32> =
             messages[..TRAINING_MESSAGES].iter().flat_map(Message::bits).map(|b| f32::from(u8::from(b))).collect();
         let signs: Vec<f32> = targets.iter().map(|t| 2.0 * t - 1.0).collect();
@@ -158,10 +153,12 @@ impl Key {
         file.tensors.insert("text_mean".to_owned(), Tensor::f32(&[self.text_mean.len()], self.text_mean.clone()));
         file.tensors.insert("codes".to_owned(), Tensor::f32(&[bits, self.text_mean.len()], self.codes.clone()));
         self.decoder.store(&mut file);
+        let content = Digest::of(&file.to_bytes()?);
+        file.meta.insert(CONTENT.to_owned(), content.to_string());
         AtomicFile::write(path, existing, &file.to_bytes()?)
     }
 
-    /// Reads a key file made for `clip`, and checks that its table follows from its secret.
+    /// Reads a key file made for `clip`, and checks that its table follows from its secret and that nothing was changed.
     ///
     /// # Errors
     /// [`EngineError::BadData`] naming what does not fit.
@@ -191,6 +188,7 @@ impl Key {
         if file.integers("token_table", &[bits as usize, 2])? != key.table.ids().as_flattened() {
             return Err(file.bad("token_table", "a table that does not follow from the secret", "the derived table"));
         }
+        check_content(file)?;
         Ok(key)
     }
 }
@@ -214,10 +212,40 @@ fn check_clip(path: &Path, made_with: Digest, clip: &Clip) -> Result<(), EngineE
     })
 }
 
+/// Refuses a file of which anything was changed: what was trained does not follow from the secret at a glance.
+fn check_content(mut file: TensorFile) -> Result<(), EngineError> {
+    let stated = file.text(CONTENT)?.to_owned();
+    file.meta.remove(CONTENT);
+    let found = Digest::of(&file.to_bytes()?).to_string();
+    if found == stated {
+        return Ok(());
+    }
+    Err(file.bad(CONTENT, &found, &format!("{stated}: the key was changed after it was made")))
+}
+
 #[allow(clippy::cast_possible_truncation, reason = "token ids are 32-bit")]
 fn vocabulary(clip: &Clip) -> Vocabulary {
     let text = &clip.config().text_config;
     Vocabulary { size: text.vocab_size as u32, context: text.max_position_embeddings as u32 }
+}
+
+/// Text features of all messages, and their spectrum. A checkpoint that cannot carry them is refused after the first few,
+/// for a large text tower takes long over all.
+fn text_features(clip: &Clip, table: &TokenTable, messages: &[Message]) -> Result<(Vec<f32>, Spectrum), EngineError> {
+    let (tower, tokens) = (clip.text()?, table.num_bits() + 2);
+    let embed = |messages: &[Message]| {
+        let mut sequences = Vec::with_capacity(messages.len() * tokens);
+        for message in messages {
+            sequences.extend(table.sequence(message)?);
+        }
+        Ok::<_, EngineError>(tower.embed(&sequences, tokens)?.features)
+    };
+    let (first, rest) = messages.split_at(capacity::SPECTRUM_ROWS);
+    let mut features = embed(first)?;
+    let spectrum = capacity::spectrum(&features, clip.config().projection_dim, clip.path())?;
+    capacity::check_spectrum(&spectrum, table.num_bits(), clip.path())?;
+    features.extend(embed(rest)?);
+    Ok((features, spectrum))
 }
 
 /// Training messages, then held-out ones; no message is in both parts.
@@ -240,10 +268,16 @@ fn draw_messages(prf: &Prf, bits: u32) -> Result<Vec<Message>, EngineError> {
 /// Where the master secret of a new key comes from.
 ///
 /// # Errors
-/// [`EngineError::BadData`] unless the file holds 64 hex digits.
+/// [`EngineError::MissingInput`] or [`EngineError::Io`] naming the file; [`EngineError::BadData`] unless it holds 64 hex
+/// digits.
 pub fn read_secret(path: Option<&PathBuf>) -> Result<MasterSecret, EngineError> {
     let Some(path) = path else { return MasterSecret::generate() };
-    let text = std::fs::read_to_string(path).map_err(|source| EngineError::Io { path: path.clone(), source })?;
+    let text = std::fs::read_to_string(path).map_err(|source| match source.kind() {
+        std::io::ErrorKind::NotFound => {
+            EngineError::MissingInput { path: path.clone(), expected: "a file with a master secret".to_owned() }
+        }
+        _ => EngineError::Io { path: path.clone(), source },
+    })?;
     let mut bytes = [0; 32];
     hex::decode_to_slice(text.trim(), &mut bytes).map_err(|e| EngineError::BadData {
         path: path.clone(),

@@ -16,6 +16,7 @@ pub mod key;
 pub mod message;
 pub mod metrics;
 pub mod null_panel;
+pub mod other_keys;
 pub mod prf;
 pub mod reading;
 pub mod receipt;

@@ -5,14 +5,12 @@ use std::fmt;
 
 use serde::Serialize;
 
+use super::evidence::Claim;
 use super::message::Message;
-use super::prf::{Prf, Purpose};
+use super::other_keys::{Bar, OtherKeys};
 use super::reading::Reading;
-use super::statistics::{binomial_tail, chance_band, empirical_fpr_bound, match_p_value, required_matches};
+use super::statistics::chance_band;
 use crate::EngineError;
-
-/// Number of other messages tried against every clip.
-pub const NUM_OTHER_MESSAGES: u32 = 1000;
 
 /// What a control is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -22,16 +20,18 @@ pub enum ControlKind {
     CleanRender,
     /// A clip that has nothing to do with the asset.
     UnrelatedClip,
-    /// The suspect clip read with another key and that key's message.
+    /// The suspect clip read with another trained key, for that key's message.
     OtherKey,
     /// The suspect clip against the inverted message.
     InvertedMessage,
-    /// The suspect clip against messages drawn by the PRF.
+    /// The suspect clip against the messages of throw-away keys.
     OtherMessages,
+    /// The suspect clip's features read by the calibrations of throw-away keys, each for its own message.
+    OtherReadings,
 }
 
 impl ControlKind {
-    /// Controls that need input from the caller; the other two are always run.
+    /// Controls that need input from the caller; the others are always run.
     pub const SUPPLIED: [Self; 3] = [Self::CleanRender, Self::UnrelatedClip, Self::OtherKey];
 }
 
@@ -42,7 +42,8 @@ impl fmt::Display for ControlKind {
             Self::UnrelatedClip => "unrelated clip",
             Self::OtherKey => "other key",
             Self::InvertedMessage => "inverted message",
-            Self::OtherMessages => "other messages",
+            Self::OtherMessages => "other keys' messages",
+            Self::OtherReadings => "other keys' readings",
         })
     }
 }
@@ -123,25 +124,6 @@ pub struct ControlResult {
     pub leak: Leak,
 }
 
-/// The suspect clip against messages that nobody embedded.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct OtherMessages {
-    /// Messages tried.
-    pub num_messages: u32,
-    /// Most matches that any of them reached.
-    pub most_matches: u32,
-    /// How many matched at least as well as the claimed message.
-    pub as_good: u32,
-    /// (1 + `as_good`) / (1 + `num_messages`): rank of the claimed message.
-    pub rank_p_value: f64,
-    /// How many reached the threshold of the decision.
-    pub false_positives: u32,
-    /// (1 + `false_positives`) / (1 + `num_messages`).
-    pub fpr_bound: f64,
-    /// Fires if more of them match as well as the exact p-value allows.
-    pub state: ControlState,
-}
-
 /// All supplied readings of one kind together.
 ///
 /// A single reading must be far from chance to fire once there are hundreds of them. A kind fires if at
@@ -164,8 +146,10 @@ pub struct KindResult {
 pub struct NullPanel {
     /// The suspect clip against the inverted message.
     pub inverted: ControlResult,
-    /// The suspect clip against PRF messages.
-    pub other_messages: OtherMessages,
+    /// What the owner's extractor reads, against the messages of throw-away keys.
+    pub other_messages: OtherKeys,
+    /// What the throw-away keys' own calibrations read, against the same messages.
+    pub other_readings: OtherKeys,
     /// Controls the caller supplied.
     pub supplied: Vec<ControlResult>,
     /// The same by kind.
@@ -189,23 +173,21 @@ impl NullPanel {
     ///
     /// # Errors
     /// [`EngineError::Usage`] if message lengths do not fit the readings or the levels are not in (0, 1).
-    pub fn run(
-        reading: &Reading,
-        message: &Message,
-        controls: &[Control],
-        prf: &Prf,
-        levels: &PanelLevels,
-    ) -> Result<Self, EngineError> {
-        let share = levels.control_level / 2.0 / f64::from(count(controls.len() + 2));
+    pub fn run(claim: &Claim<'_>, levels: &PanelLevels) -> Result<Self, EngineError> {
+        let Claim { message, reading, controls, throwaway, .. } = claim;
+        // Inverted message, other keys' messages and other keys' readings are judged beside the supplied ones.
+        let share = levels.control_level / 2.0 / f64::from(count(controls.len() + 3));
         let result = |control: &Control| {
             Ok(ControlResult { kind: control.kind, name: control.name.clone(), leak: control.leak(1.0 - share)? })
         };
         let (run, not_run): (Vec<_>, Vec<_>) =
             ControlKind::SUPPLIED.into_iter().partition(|&kind| controls.iter().any(|control| control.kind == kind));
         let kind_share = levels.control_level / 2.0 / f64::from(count(ControlKind::SUPPLIED.len()));
+        let bar = Bar { claimed: reading.matches(message)?, num_bits: message.num_bits(), fpr: levels.fpr, share };
         Ok(Self {
             inverted: inverted(reading, message, share)?,
-            other_messages: OtherMessages::run(reading, message, prf, levels.fpr, share)?,
+            other_messages: throwaway.in_reading(reading, &bar)?,
+            other_readings: throwaway.in_own_readings(&bar)?,
             supplied: controls.iter().map(result).collect::<Result<_, EngineError>>()?,
             kinds: run.into_iter().map(|kind| KindResult::of(kind, controls, kind_share)).collect::<Result<_, _>>()?,
             not_run,
@@ -220,9 +202,10 @@ impl NullPanel {
             .filter(|control| control.leak.state == ControlState::Fires)
             .map(|control| (control.kind, control.name.clone()))
             .collect();
-        if self.other_messages.state == ControlState::Fires {
-            let name = format!("{} PRF messages", self.other_messages.num_messages);
-            firing.push((ControlKind::OtherMessages, name));
+        let others =
+            [(ControlKind::OtherMessages, &self.other_messages), (ControlKind::OtherReadings, &self.other_readings)];
+        for (kind, keys) in others.into_iter().filter(|(_, keys)| keys.state == ControlState::Fires) {
+            firing.push((kind, format!("{} of {} throw-away keys", keys.as_good, keys.num_keys)));
         }
         for kind in self.kinds.iter().filter(|kind| kind.state == ControlState::Fires) {
             firing.push((kind.kind, format!("{} of {}", kind.num_outside, kind.num_readings)));
@@ -274,35 +257,4 @@ fn inverted(reading: &Reading, message: &Message, share: f64) -> Result<ControlR
         leak.state = ControlState::Quiet;
     }
     Ok(ControlResult { kind: ControlKind::InvertedMessage, name: "suspect clip".to_owned(), leak })
-}
-
-impl OtherMessages {
-    fn run(reading: &Reading, message: &Message, prf: &Prf, fpr: f64, share: f64) -> Result<Self, EngineError> {
-        let num_bits = message.num_bits();
-        let claimed = reading.matches(message)?;
-        let needed = required_matches(num_bits, fpr);
-        let rng = &mut prf.stream(Purpose::NullMessages, u64::from(num_bits));
-        let (mut most_matches, mut as_good, mut false_positives) = (0, 0, 0);
-        for _ in 0..NUM_OTHER_MESSAGES {
-            let matches = reading.matches(&Message::random(num_bits, rng)?)?;
-            most_matches = matches.max(most_matches);
-            as_good += u32::from(matches >= claimed);
-            false_positives += u32::from(needed.is_some_and(|k| matches >= k));
-        }
-        let expected_rate = match_p_value(claimed, num_bits);
-        let state = if binomial_tail(as_good, NUM_OTHER_MESSAGES, expected_rate) < share {
-            ControlState::Fires
-        } else {
-            ControlState::Quiet
-        };
-        Ok(Self {
-            num_messages: NUM_OTHER_MESSAGES,
-            most_matches,
-            as_good,
-            rank_p_value: empirical_fpr_bound(as_good, NUM_OTHER_MESSAGES),
-            false_positives,
-            fpr_bound: empirical_fpr_bound(false_positives, NUM_OTHER_MESSAGES),
-            state,
-        })
-    }
 }

@@ -92,8 +92,8 @@ pub enum Purpose {
     Embedding,
     /// Noise of the control branches.
     ControlNoise,
-    /// Messages of the null panel.
-    NullMessages,
+    /// Master secrets of the null panel's throw-away keys.
+    OtherKeys,
     /// Message of the second copy in a message swap.
     SwapMessage,
     /// MAC over the embedded message.
@@ -117,7 +117,7 @@ impl Purpose {
             Self::Calibration => "calibration",
             Self::Embedding => "embedding",
             Self::ControlNoise => "control-noise",
-            Self::NullMessages => "null-messages",
+            Self::OtherKeys => "other-keys",
             Self::SwapMessage => "swap-message",
             Self::MessageMac => "message-mac",
             Self::KeyId => "key-id",

@@ -6,10 +6,11 @@ use guard4d_kernels::Device;
 
 use super::delivery::EXTRACTOR;
 use super::evidence::{Claim, Evidence, judge};
-use super::extractor::{ExtractorWeights, Reader};
+use super::extractor::{ExtractorWeights, Reader, Sight, decode};
 use super::key::Key;
-use super::message::Message;
+use super::message::{Message, Payload};
 use super::null_panel::{Control, ControlKind};
+use super::other_keys::ThrowawayKeys;
 use super::reading::Reading;
 use super::receipt::Receipt;
 use crate::clip::Clip;
@@ -42,6 +43,17 @@ pub struct Exhibits {
     pub unrelated: Vec<PathBuf>,
     /// Frames of the unmarked asset, one list per clip.
     pub clean: Vec<Vec<Frame>>,
+    /// Keys that had no part in the embedding.
+    pub strangers: Vec<Stranger>,
+}
+
+/// Somebody else's key.
+#[derive(Debug)]
+pub struct Stranger {
+    /// For the report.
+    pub name: String,
+    /// As long as the owner's, and made with the same checkpoint.
+    pub key: Key,
 }
 
 /// The evidence, with what went into it.
@@ -66,7 +78,7 @@ impl Case<'_> {
         let extractor = self.extractor(&receipt)?;
         let mut reader = Reader::new(self.device, self.clip, self.key, &extractor)?;
         let mut damage = Vec::new();
-        let (mut logits, mut side, mut frames) = (Vec::new(), u32::MAX, 0);
+        let (mut sight, mut side, mut frames) = (Sight::default(), u32::MAX, 0);
         for path in &exhibits.suspects {
             let clip = media::read_clip(path, options)?;
             if let Integrity::Damaged { messages } = clip.integrity() {
@@ -75,7 +87,7 @@ impl Case<'_> {
             let (width, height) = clip.size_px();
             side = side.min(width).min(height);
             frames += clip.frames().len();
-            logits.extend(reader.logits(clip.frames())?);
+            sight.extend(&reader.look(clip.frames())?);
         }
         let bits = self.message.num_bits();
         let mut controls = Vec::new();
@@ -88,19 +100,50 @@ impl Case<'_> {
             let reading = Reading::from_logits(&reader.logits(clean)?, bits)?;
             controls.push(self.control(ControlKind::CleanRender, format!("clean view {i}"), reading));
         }
-        let reading = Reading::from_logits(&logits, bits)?;
+        for stranger in &exhibits.strangers {
+            controls.push(self.stranger(stranger, &extractor, &sight)?);
+        }
+        let reading = Reading::from_logits(&sight.logits, bits)?;
         let claim = Claim {
             message: self.message,
             mode: extractor.mode,
             reading: &reading,
+            throwaway: &ThrowawayKeys::derive(&self.key.prf(), &extractor.calibration.coordinates(&sight.features))?,
             side_px: side,
             controls: &controls,
         };
-        let evidence = judge(&claim, &receipt.body.promise.thresholds, &self.key.prf())?;
+        let evidence = judge(&claim, &receipt.body.promise.thresholds)?;
         Ok(Report { evidence, frames, damage })
     }
 
-    /// The extractor beside the receipt, after checking that both belong to this key and message.
+    /// The suspect clips read with another trained key, for the message that key would embed.
+    fn stranger(
+        &self,
+        stranger: &Stranger,
+        extractor: &ExtractorWeights,
+        sight: &Sight,
+    ) -> Result<Control, EngineError> {
+        let Stranger { name, key } = stranger;
+        let bits = self.message.num_bits();
+        let usage = |got: &str, expected: String| {
+            Err(EngineError::Usage { what: format!("other key {name}"), got: got.to_owned(), expected })
+        };
+        if key.bits() != self.key.bits() {
+            return usage(&format!("{} bits", key.bits()), format!("{bits} bits like the owner's"));
+        }
+        if key.prf().key_id() == self.key.prf().key_id() {
+            return usage("the owner's key", "a key that had no part in the embedding".to_owned());
+        }
+        let logits = decode(self.device, key, &extractor.calibration, &sight.features)?;
+        Ok(Control {
+            kind: ControlKind::OtherKey,
+            name: name.clone(),
+            reading: Reading::from_logits(&logits, bits)?,
+            message: Payload::Random(bits).message(&key.prf())?,
+        })
+    }
+
+    /// The extractor beside the receipt, after checking that receipt, key, message and extractor belong together.
     fn extractor(&self, receipt: &Receipt) -> Result<ExtractorWeights, EngineError> {
         let promise = &receipt.body.promise;
         let prf = self.key.prf();
@@ -113,6 +156,16 @@ impl Case<'_> {
         if promise.key_id != prf.key_id() {
             let (got, expected) = (promise.key_id.to_string(), prf.key_id().to_string());
             return Err(bad(self.receipt, "key_id", got, format!("{expected}, the key given")));
+        }
+        let committed = [
+            ("token_table", promise.token_table, self.key.table.digest()),
+            ("decoder", promise.decoder, self.key.decoder_digest()),
+            ("clip", promise.clip, self.key.clip),
+        ];
+        for (field, promised, given) in committed {
+            if promised != given {
+                return Err(bad(self.receipt, field, promised.to_string(), format!("{given}, as in the key given")));
+            }
         }
         if !receipt.commits_to(&self.message, &prf) {
             let got = "a commitment to another message".to_owned();

@@ -1,0 +1,247 @@
+//! The controls of `guard4d verify`: quiet where nothing is marked, and in the way of "present" where something is.
+
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use guard4d_engine::clip::{Clip, ClipSource};
+use guard4d_engine::demo::Scene;
+use guard4d_engine::media::frames::write_png_folder;
+use guard4d_engine::media::{Frame, ReadOptions, read_clip};
+use guard4d_engine::output::Existing;
+use guard4d_engine::scene::Model;
+use guard4d_engine::tensor_file::{Tensor, TensorFile};
+use guard4d_engine::watermark::calibration::Calibration;
+use guard4d_engine::watermark::delivery::{EXTRACTOR, RECEIPT, thresholds};
+use guard4d_engine::watermark::evidence::ExtractorMode;
+use guard4d_engine::watermark::extractor::{ExtractorWeights, PREPROCESS, Reader};
+use guard4d_engine::watermark::key::Key;
+use guard4d_engine::watermark::message::{Message, Payload};
+use guard4d_engine::watermark::receipt::{Promise, Receipt, ReceiptBody};
+use serde_json::Value;
+use tempfile::TempDir;
+
+use super::{Run, guard4d, put, scratch};
+use crate::support::gpu::{Gpu, device};
+use crate::support::owner::{key_file, key_file_with, sealed};
+use crate::support::random::Random;
+use crate::watermark::receipt::body;
+
+/// Shortest messages that a control can contradict: 16 of 16 matches are 1.5e-5 by chance.
+const BITS: u32 = 16;
+/// The suspect clip, and what an original is rendered like: enough frames for a verdict.
+const VIEWS: [&str; 6] = ["--orbit", "1", "--frames", "8", "--size", "64x64"];
+/// How far the suspect clip's logits are from zero.
+const MARGIN: f32 = 0.01;
+
+/// An owner whose extractor reads the key's own message from one rendered clip.
+///
+/// No training makes it so: the zero of every bit is laid beside that clip's logit. Any other clip reads as it falls.
+struct Rigged {
+    folder: TempDir,
+    original: Scene,
+}
+
+impl Rigged {
+    fn get(gpu: &Gpu) -> &'static Self {
+        static RIGGED: OnceLock<Rigged> = OnceLock::new();
+        RIGGED.get_or_init(|| Self::new(gpu))
+    }
+
+    fn new(gpu: &Gpu) -> Self {
+        let rigged = Self { folder: scratch(), original: Scene::unpack().expect("the scene unpacks") };
+        let clip = Clip::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+        let key_path = put(rigged.path(), "owner.key", &key_bytes(&clip, [7; 32]));
+        let key = Key::read(&key_path, &clip).expect("the key fits the checkpoint");
+        let model = Model::open(rigged.original.path()).expect("the scene opens");
+        let marked: Vec<f32> = model.gaussians.sh_coeffs.iter().map(|h| 1.5 * h).collect();
+        model.write_marked(&rigged.file("marked"), &marked).expect("writable");
+        let suspect = rigged.file("suspect");
+        guard4d(
+            &[&[&"render" as &dyn AsRef<OsStr>, &rigged.file("marked"), &"--out", &suspect], &views()[..]].concat(),
+        )
+        .done();
+        let frames = read_clip(&suspect, &ReadOptions::default()).expect("our own frames");
+        let message = Payload::Random(BITS).message(&key.prf()).expect("16 bits");
+        let extractor = rig(gpu, (&clip, &key), frames.frames(), &message);
+        fs::create_dir(rigged.file("private")).expect("writable");
+        extractor.write(&rigged.file("private").join(EXTRACTOR), &key, Existing::Refuse).expect("writable");
+        let promise = Promise {
+            key_id: key.prf().key_id(),
+            num_bits: BITS,
+            message_mac: message.commitment(&key.prf()),
+            token_table: key.table.digest(),
+            decoder: key.decoder_digest(),
+            extractor_mode: extractor.mode,
+            extractor: Some(extractor.digest(&key).expect("shapes fit")),
+            clip: key.clip,
+            preprocess: PREPROCESS.to_owned(),
+            thresholds: thresholds(key.bits()),
+        };
+        let receipt = Receipt::seal(ReceiptBody { promise, ..body() }).expect("finite figures");
+        receipt.write(&rigged.file("private").join(RECEIPT)).expect("writable");
+        rigged
+    }
+
+    fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.path().join(name)
+    }
+
+    /// Reads the suspect clip with `key`, and the controls that `more` names.
+    fn verify_with(&self, key: &Path, more: &[&dyn AsRef<OsStr>]) -> Run {
+        let (suspect, receipt) = (self.file("suspect"), self.file("private").join(RECEIPT));
+        let args: [&dyn AsRef<OsStr>; 6] = [&"verify", &suspect, &"--key", &key, &"--receipt", &receipt];
+        guard4d(&[&args[..], more].concat())
+    }
+
+    /// The same with the owner's key, as JSON.
+    #[track_caller]
+    fn verify(&self, code: i32, more: &[&dyn AsRef<OsStr>]) -> Value {
+        let run = self.verify_with(&self.file("owner.key"), &[more, &[&"--json"]].concat());
+        assert_eq!(run.code, code, "{}{}", run.stdout, run.stderr);
+        serde_json::from_str(&run.stdout).expect("JSON on stdout")
+    }
+}
+
+/// A key file of 16 bits; all have the same random decoder.
+fn key_of(clip: &Clip, secret: [u8; 32]) -> TensorFile {
+    key_file_with(clip, secret, BITS, 11)
+}
+
+fn key_bytes(clip: &Clip, secret: [u8; 32]) -> Vec<u8> {
+    key_of(clip, secret).to_bytes().expect("serialises")
+}
+
+fn views() -> [&'static dyn AsRef<OsStr>; 6] {
+    VIEWS.each_ref().map(|word| word as &dyn AsRef<OsStr>)
+}
+
+/// Random directions, and zeros that make `frames` say `message`.
+fn rig(gpu: &Gpu, (clip, key): (&Clip, &Key), frames: &[Frame], message: &Message) -> ExtractorWeights {
+    let width = key.text_mean.len();
+    let mut extractor = ExtractorWeights {
+        mode: ExtractorMode::Blind,
+        tmsd: None,
+        calibration: Calibration {
+            mean_image: vec![0.0; width],
+            // Features have unit length and differ by a few hundredths; bits are to differ by about 1.
+            directions: Random(31).vec_f32(width * BITS as usize, -40.0, 40.0),
+            mean_logits: vec![0.0; BITS as usize],
+        },
+    };
+    let logits = Reader::new(gpu, clip, key, &extractor).and_then(|mut r| r.logits(frames)).expect("reads");
+    for (bit, (zero, wanted)) in extractor.calibration.mean_logits.iter_mut().zip(message.bits()).enumerate() {
+        let sum: f32 = logits.iter().skip(bit).step_by(BITS as usize).sum();
+        *zero = sum / frames.len() as f32 - if wanted { MARGIN } else { -MARGIN };
+    }
+    extractor
+}
+
+/// What the panel says of a kind of control, and why the verdict is what it is.
+fn kind_and_reasons(report: &Value, kind: &str) -> (String, String) {
+    let kinds = report["evidence"]["panel"]["kinds"].as_array().expect("a list");
+    let found = kinds.iter().find(|k| k["kind"] == kind).unwrap_or_else(|| panic!("{kind} is not in {kinds:?}"));
+    (found["state"].as_str().expect("a word").to_owned(), report["evidence"]["reasons"].to_string())
+}
+
+#[test]
+fn without_controls_the_report_says_which_were_not_run() {
+    let Some(gpu) = device() else { return };
+    let rigged = Rigged::get(&gpu);
+    let report = rigged.verify(0, &[]);
+    let panel = &report["evidence"]["panel"];
+    assert_eq!(panel["not_run"], serde_json::json!(["clean_render", "unrelated_clip", "other_key"]), "{panel}");
+    for others in ["other_messages", "other_readings"] {
+        assert_eq!((&panel[others]["num_keys"], &panel[others]["state"]), (&1000.into(), &"quiet".into()), "{panel}");
+    }
+    let run = rigged.verify_with(&rigged.file("owner.key"), &[]);
+    for words in ["PRESENT", "16 of 16 match (8 frames)", "other keys' messages", "other keys' readings"] {
+        assert!(run.stdout.contains(words), "`{words}` is not in:\n{}", run.stdout);
+    }
+    assert!(run.stdout.contains("clean render, unrelated clip, other key"), "{}", run.stdout);
+}
+
+#[test]
+fn an_unmarked_original_is_quiet_and_a_marked_one_forbids_present() {
+    let Some(gpu) = device() else { return };
+    let rigged = Rigged::get(&gpu);
+    let verify = |code: i32, model: &Path| {
+        let original: [&dyn AsRef<OsStr>; 2] = [&"--original", &model];
+        rigged.verify(code, &[&original[..], &views()[..]].concat())
+    };
+    let report = verify(0, rigged.original.path());
+    let (state, reasons) = kind_and_reasons(&report, "clean_render");
+    assert!(state == "quiet" && reasons.contains("passes"), "{state}, {reasons}");
+    assert_eq!(report["evidence"]["panel"]["supplied"][0]["name"], "clean view 0");
+    let report = verify(4, &rigged.file("marked"));
+    let (state, reasons) = kind_and_reasons(&report, "clean_render");
+    assert!(state == "fires" && reasons.contains("control_fires"), "{state}, {reasons}");
+    let leak = &report["evidence"]["panel"]["supplied"][0]["leak"];
+    assert_eq!((&leak["matches"], &leak["state"]), (&16.into(), &"fires".into()), "it is the suspect clip: {leak}");
+    let nowhere = rigged.file("nowhere");
+    rigged
+        .verify_with(&rigged.file("owner.key"), &[&"--original", &nowhere])
+        .refused(66, &["nowhere: not found", "a 4DGaussians folder"]);
+}
+
+#[test]
+fn an_unrelated_clip_is_quiet_unless_it_says_the_message() {
+    let Some(gpu) = device() else { return };
+    let rigged = Rigged::get(&gpu);
+    let folder = scratch();
+    let plain = folder.path().join("plain");
+    let grey = Frame::new(64, 64, vec![90; 3 * 64 * 64]).expect("the length fits");
+    write_png_folder(&plain, &[(); 8].map(|()| grey.clone())).expect("writable");
+    let suspect = rigged.file("suspect");
+    let (state, reasons) = kind_and_reasons(&rigged.verify(0, &[&"--unrelated", &plain]), "unrelated_clip");
+    assert!(state == "quiet" && reasons.contains("passes"), "{state}, {reasons}");
+    let both: [&dyn AsRef<OsStr>; 4] = [&"--unrelated", &plain, &"--unrelated", &suspect];
+    let (state, reasons) = kind_and_reasons(&rigged.verify(4, &both), "unrelated_clip");
+    assert!(state == "fires" && reasons.contains("control_fires"), "{state}, {reasons}");
+}
+
+#[test]
+fn another_key_is_a_control_if_it_is_another_and_as_long() {
+    let Some(gpu) = device() else { return };
+    let rigged = Rigged::get(&gpu);
+    let folder = scratch();
+    let clip = Clip::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+    let owner = rigged.file("owner.key");
+    let other = put(folder.path(), "other.key", &key_bytes(&clip, [9; 32]));
+    let (state, reasons) = kind_and_reasons(&rigged.verify(0, &[&"--other-key", &other]), "other_key");
+    assert!(state == "quiet" && reasons.contains("passes"), "{state}, {reasons}");
+    let short = put(folder.path(), "short.key", &key_file(&clip).to_bytes().expect("serialises"));
+    let refused = |key: &Path, words: &[&str]| rigged.verify_with(&owner, &[&"--other-key", &key]).refused(2, words);
+    refused(&short, &["short.key: 8 bits", "16 bits like the owner's"]);
+    refused(&owner, &["owner.key: the owner's key", "no part in the embedding"]);
+}
+
+#[test]
+fn the_key_must_be_the_one_that_was_committed_to() {
+    let Some(gpu) = device() else { return };
+    let rigged = Rigged::get(&gpu);
+    let folder = scratch();
+    let clip = Clip::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+    let refused = |name: &str, bytes: &[u8], words: &[&str]| {
+        rigged.verify_with(&put(folder.path(), name, bytes), &[]).refused(65, words);
+    };
+    let words = ["receipt.json: key_id", "the key given"];
+    refused("other.key", &key_bytes(&clip, [9; 32]), &words);
+    let mut file = key_of(&clip, [7; 32]);
+    let bias = file.tensors.get_mut("decoder.2.bias").expect("a tensor of keys");
+    *bias = Tensor::f32(&[BITS as usize], vec![0.25; BITS as usize]);
+    refused(
+        "retrained.key",
+        &sealed(file).to_bytes().expect("serialises"),
+        &["receipt.json: decoder", "the key given"],
+    );
+    let mut file = key_of(&clip, [7; 32]);
+    file.meta.insert("clip".to_owned(), "0".repeat(64));
+    let words = ["foreign.key: clip", "a key made with checkpoint 0000", "one made with checkpoint"];
+    refused("foreign.key", &sealed(file).to_bytes().expect("serialises"), &words);
+}
