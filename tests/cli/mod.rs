@@ -20,6 +20,8 @@ use std::process::{Command, Output};
 use guard4d_kernels::vk::Assignment;
 use tempfile::TempDir;
 
+use crate::support::names;
+
 /// What a run of the program left.
 struct Run {
     code: i32,
@@ -113,14 +115,6 @@ fn command(args: &[&dyn AsRef<OsStr>]) -> Command {
 /// A folder for one test's outputs.
 fn scratch() -> TempDir {
     tempfile::tempdir().expect("a temporary folder can be made")
-}
-
-/// Names in a folder, sorted.
-fn names(folder: &Path) -> Vec<String> {
-    let entries = fs::read_dir(folder).expect("the folder can be listed");
-    let mut names: Vec<_> = entries.map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
-    names.sort();
-    names
 }
 
 /// Writes `bytes` to a file of `folder`.

@@ -9,9 +9,11 @@ use crate::error::KernelError;
 
 /// Buffers that an allocation error names: those that hold the most.
 const NAMED_IN_ERRORS: usize = 3;
-/// Memory is taken from the driver in blocks of this size, larger buffers alone. Small, because a part of the last
-/// block of each arena is idle; large enough that a card's 4096 blocks hold all of its memory.
-const BLOCK_BYTES: u64 = 16 << 20;
+/// Blocks that a heap is cut into at least: drivers grant some four thousand allocations, and buffers larger than a
+/// block take one each.
+const BLOCKS_PER_HEAP: u64 = 2048;
+/// Bytes of a block at least and at most; part of the last block of each arena is idle.
+const BLOCK_BYTES: std::ops::RangeInclusive<u64> = 4 << 20..=64 << 20;
 
 /// Buffers that live and die together share blocks, so that what goes leaves whole blocks behind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -84,6 +86,8 @@ pub(super) struct Memory {
     /// See [`work_memory`].
     work: Vec<u32>,
     used: MemoryUse,
+    /// Bytes taken from the driver at a time for buffers that are not larger.
+    block_bytes: u64,
     /// Most bytes to take from the driver.
     budget: Option<u64>,
 }
@@ -98,6 +102,9 @@ impl Memory {
         // SAFETY: the physical device belongs to the instance.
         let properties = unsafe { instance.get_physical_device_memory_properties(physical_device) };
         let work = work_memory(properties.memory_types_as_slice(), kind);
+        let largest_heap = properties.memory_heaps_as_slice().iter().map(|heap| heap.size).max().unwrap_or(0);
+        // The allocator wants whole multiples of 4 MiB.
+        let block_bytes = (largest_heap / BLOCKS_PER_HEAP).next_power_of_two().clamp(*BLOCK_BYTES.start(), *BLOCK_BYTES.end());
         let allocator = || {
             Allocator::new(&AllocatorCreateDesc {
                 instance: instance.clone(),
@@ -105,12 +112,12 @@ impl Memory {
                 physical_device,
                 debug_settings: AllocatorDebugSettings::default(),
                 buffer_device_address: false,
-                allocation_sizes: AllocationSizes::new(BLOCK_BYTES, BLOCK_BYTES),
+                allocation_sizes: AllocationSizes::new(block_bytes, block_bytes),
             })
             .map_err(|e| KernelError::Allocation { name: "allocator".into(), bytes: 0, reason: e.to_string() })
         };
         let allocators = [allocator()?, allocator()?];
-        Ok(Self { allocators, work, used: MemoryUse::default(), budget: None })
+        Ok(Self { allocators, work, used: MemoryUse::default(), block_bytes, budget: None })
     }
 
     /// Refuses buffers from now on for which more than `bytes` would have to be taken from the driver.
@@ -130,7 +137,7 @@ impl Memory {
     ) -> Result<Allocation, KernelError> {
         let size = requirements.size;
         // A large buffer surely takes a block of its own; a small one may find room in one that is there.
-        let held = if size > BLOCK_BYTES { self.used.reserved_bytes } else { self.used.live_bytes };
+        let held = if size > self.block_bytes { self.used.reserved_bytes } else { self.used.live_bytes };
         if let Some(budget) = self.budget.filter(|budget| held.saturating_add(size) > *budget) {
             return Err(self.over_budget(name, size, budget));
         }

@@ -3,9 +3,9 @@
 //! Nothing here sees a message or a marked clip: the inputs are unmarked clips, random offsets, and the key's
 //! public-to-itself geometry (token directions).
 
+use guard4d_kernels::Device;
 use guard4d_kernels::image::colour_map::ColourMap;
 use guard4d_kernels::image::noise::Noise;
-use guard4d_kernels::Device;
 use nalgebra::{Matrix3, SymmetricEigen};
 use rand_chacha::ChaCha20Rng;
 
@@ -15,6 +15,7 @@ use super::step::Stage;
 use crate::clip::{Clip, Purpose};
 use crate::error::EngineError;
 use crate::render::OffsetBases;
+use crate::scene::gaussians::CHANNELS;
 use crate::watermark::calibration::{Calibration, CalibrationData};
 use crate::watermark::decoder::Decoder;
 use crate::watermark::evidence::ExtractorMode;
@@ -191,7 +192,7 @@ fn random_field(num_splats: usize, bases: OffsetBases, level: f64, rng: &mut Cha
     let row = bases.floats();
     let mut field = vec![0.0; num_splats * row];
     for splat in field.chunks_exact_mut(row) {
-        for dc in &mut splat[..3] {
+        for dc in &mut splat[..CHANNELS] {
             *dc = (standard_normal(rng) * level / Y0) as f32;
         }
     }

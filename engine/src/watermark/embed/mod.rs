@@ -276,28 +276,30 @@ impl<'a> Embedding<'a> {
     ///
     /// # Errors
     /// When reading from the device fails.
-    pub fn finish(mut self) -> Result<Embedded, EngineError> {
-        let offsets = self.stage.offsets.read()?;
-        let clean = &self.subject.model.gaussians.sh_coeffs;
-        let sh_coeffs = marked(clean, &offsets, self.stage.bases);
-        if self.critic.training() == Training::Tmsd
-            && let Some(tmsd) = self.critic.features.tmsd()
-        {
-            self.weights.tmsd = Some(tmsd.weights()?);
-            let Subject { device, clip, key, .. } = self.subject;
-            let tmsd = self.weights.tmsd.as_ref();
-            let mut features =
-                self.clips.with_room(|| FeatureExtractor::new(device, clip, tmsd, 1, Purpose::Features))?;
-            let unmarked = (&self.config, &mut self.clips, &mut self.stage);
-            fit::set_zero(device, key, &mut features, &mut self.weights, unmarked)?;
+    pub fn finish(self) -> Result<Embedded, EngineError> {
+        let Self { subject, config, mut clips, mut stage, mut critic, mut weights, .. } = self;
+        let offsets = stage.offsets.read()?;
+        let sh_coeffs = marked(&subject.model.gaussians.sh_coeffs, &offsets, stage.bases);
+        let trained = match critic.training() {
+            Training::Tmsd => critic.features.tmsd().map(|tmsd| tmsd.weights()).transpose()?,
+            Training::Frozen => None,
+        };
+        // Its memory is more than what follows takes.
+        drop(critic);
+        if trained.is_some() {
+            weights.tmsd = trained;
+            let Subject { device, clip, key, .. } = subject;
+            let tmsd = weights.tmsd.as_ref();
+            let mut features = clips.with_room(|| FeatureExtractor::new(device, clip, tmsd, 1, Purpose::Features))?;
+            fit::set_zero(device, key, &mut features, &mut weights, (&config, &mut clips, &mut stage))?;
         }
         Ok(Embedded {
             sh_coeffs,
-            extractor: self.weights,
+            extractor: weights,
             seconds: self.seconds,
             device_seconds: self.device_seconds,
             steps: self.step,
-            clips_made: self.clips.made(),
+            clips_made: clips.made(),
             mse: self.mean_mse.unwrap_or(0.0),
         })
     }
@@ -310,8 +312,8 @@ fn check_mode(config: &EmbedConfig, weights: &ExtractorWeights) -> Result<(), En
     }
     Err(EngineError::Usage {
         what: "mode of the given extractor".to_owned(),
-        got: format!("{:?}", weights.mode).to_lowercase(),
-        expected: format!("{:?}", config.mode).to_lowercase(),
+        got: weights.mode.to_string(),
+        expected: config.mode.to_string(),
     })
 }
 

@@ -49,7 +49,7 @@ pub(super) struct Stage {
     v_offsets: Buffer<f32>,
     penalty_sums: SumScratch,
     pub(super) raw: Buffer<f32>,
-    pub(super) marked: Buffer<f32>,
+    marked: Buffer<f32>,
     v_marked: Buffer<f32>,
     v_raw: Buffer<f32>,
     pub(super) resized: Buffer<f32>,
