@@ -48,9 +48,10 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
             }
         };
         let subject = Subject { device: &device, clip: &clip, key, model: &model, message };
-        // Few clips and responses: they cost preparation, not steps. No end, so that every sample is a step.
+        // Few clips and responses: they cost preparation, not steps. No end, so that every sample is a step, and no
+        // measurement on held-out clips, so that none is more than a step.
         let few = EmbedConfig { steps: usize::MAX, views: 4, responses: 2 * BITS as usize, ..base(mode) };
-        Embedding::prepare(subject, EmbedConfig { size_px: (side, side), ..few })
+        Embedding::prepare(subject, EmbedConfig { size_px: (side, side), held_out_every: 0, ..few })
     };
     for (mode, name) in
         [(ExtractorMode::None, "none"), (ExtractorMode::Blind, "blind"), (ExtractorMode::Joint, "joint")]
