@@ -10,7 +10,7 @@ use guard4d_engine::scene::Model;
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedding, Profile, Subject};
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::key::Key;
-use guard4d_engine::watermark::message::{Message, Payload};
+use guard4d_engine::watermark::message::Message;
 use guard4d_engine::watermark::prf::MasterSecret;
 use guard4d_kernels::Device;
 
@@ -28,8 +28,7 @@ struct Owner {
 impl Owner {
     fn new(device: &Device, clip: &Clip) -> Result<Self, EngineError> {
         let (key, _) = Key::generate(device, clip, MasterSecret::from_bytes(SECRET), BITS)?;
-        let message = Payload::parse("random", BITS)?.message(&key.prf())?;
-        Ok(Self { key, message })
+        Ok(Self { message: key.own_message(), key })
     }
 }
 
@@ -50,16 +49,20 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
         let subject = Subject { device: &device, clip: &clip, key, model: &model, message };
         // Few clips and responses: they cost preparation, not steps. No end, so that every sample is a step, and no
         // measurement on held-out clips, so that none is more than a step.
-        let few = EmbedConfig { steps: usize::MAX, views: 4, responses: 2 * BITS as usize, ..base(mode) };
-        Embedding::prepare(subject, EmbedConfig { size_px: (side, side), held_out_every: 0, ..few })
+        let few = EmbedConfig {
+            steps: usize::MAX,
+            views: 4,
+            responses: 2 * BITS as usize,
+            held_out_every: 0,
+            ..EmbedConfig::new(Profile::Draft, mode)
+        };
+        Embedding::prepare(subject, EmbedConfig { size_px: (side, side), ..few })
     };
-    for (mode, name) in
-        [(ExtractorMode::None, "none"), (ExtractorMode::Blind, "blind"), (ExtractorMode::Joint, "joint")]
-    {
+    for mode in [ExtractorMode::None, ExtractorMode::Blind, ExtractorMode::Joint] {
         for side in [200, 400] {
             let mut embedding = None;
             bench.samples(
-                &format!("embed/step demo scene, {name}, 8x{side}x{side}, wall clock"),
+                &format!("embed/step demo scene, {mode}, 8x{side}x{side}, wall clock"),
                 Work::Mixed,
                 || {
                     let embedding = match &mut embedding {
@@ -74,8 +77,4 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
         }
     }
     Ok(())
-}
-
-fn base(mode: ExtractorMode) -> EmbedConfig {
-    EmbedConfig::new(Profile::Draft, mode)
 }

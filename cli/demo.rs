@@ -14,10 +14,9 @@ use guard4d_engine::output::{AtomicDir, Existing};
 use guard4d_engine::scene::{CameraSet, Model};
 use guard4d_engine::watermark::delivery::{self, Delivery, MARKED, PRIVATE, RECEIPT};
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Subject};
-use guard4d_engine::watermark::evaluate::{Evaluation, mean_accuracy, read_clips};
+use guard4d_engine::watermark::evaluate::{Evaluation, HeldOut, mean_accuracy, read_clips};
 use guard4d_engine::watermark::extractor::Reader;
 use guard4d_engine::watermark::key::Key;
-use guard4d_engine::watermark::message::{Message, Payload};
 use guard4d_engine::watermark::prf::MasterSecret;
 use guard4d_engine::watermark::verify::{Case, Exhibits, Report, clean_clips};
 use serde::Serialize;
@@ -82,7 +81,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     owner.write(&out.path().join("owner.key"), Existing::Refuse)?;
 
     note(common, "2/4 embed: small colour offsets on the splats");
-    let message = message_of(&owner)?;
+    let message = owner.own_message();
     let subject = Subject { device: &device, clip: &clip, key: &owner, model: &model, message: &message };
     stop::check()?;
     let embedding = Embedding::prepare(subject, config.clone())?;
@@ -138,19 +137,11 @@ fn timed<T>(
     Ok(done)
 }
 
-/// The message that belongs to a key.
-fn message_of(key: &Key) -> Result<Message, EngineError> {
-    let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
-    Payload::parse("random", bits)?.message(&key.prf())
-}
-
 /// Writes the marked model into `out`, and films it as it was written, beside the original.
 fn shoot(delivery: &Delivery<'_>, cameras: &CameraSet, out: &Path) -> Result<Film, EngineError> {
-    let Subject { device, model, .. } = delivery.subject;
-    let evaluation = delivery::write(out, delivery, cameras)?;
+    let (evaluation, HeldOut { clean, .. }) = delivery::write(out, delivery, cameras)?;
     stop::check()?;
-    let marked = clean_clips(device, &Model::open(&out.join(MARKED))?, cameras)?;
-    let clean = clean_clips(device, model, cameras)?;
+    let marked = clean_clips(delivery.subject.device, &Model::open(&out.join(MARKED))?, cameras)?;
     for (name, video, clips) in [("marked-frames", VIDEO, &marked), ("clean-frames", "clean.mp4", &clean)] {
         let frames = clips.concat();
         write_png_folder(&out.join(name), &frames)?;
@@ -170,7 +161,7 @@ fn read_with(
     let mut reader = Reader::new(subject.device, subject.clip, other, &embedded.extractor)?;
     let readings = read_clips(&mut reader, marked, other.bits())?;
     Ok(WrongKey {
-        own_message: mean_accuracy(&readings, &message_of(other)?)?,
+        own_message: mean_accuracy(&readings, &other.own_message())?,
         owners_message: mean_accuracy(&readings, subject.message)?,
     })
 }

@@ -72,7 +72,7 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
     }
     let embedded = train(embedding, &config, common, Some((&checkpoint, args.checkpoint_every)))?;
     let delivery = Delivery { subject, config: &config, embedded: &embedded, input: &args.model };
-    let evaluation = delivery::write(out.path(), &delivery, &cameras)?;
+    let (evaluation, _) = delivery::write(out.path(), &delivery, &cameras)?;
     out.commit()?;
     remove_checkpoint(&checkpoint);
     let missed = gate.missed(&evaluation);

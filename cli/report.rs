@@ -75,7 +75,7 @@ pub(crate) type Row = (&'static str, String);
 /// What was read from held-out frames, for people.
 pub(crate) fn reading_rows(e: &Evaluation) -> Vec<Row> {
     vec![
-        ("extractor", format!("{:?}", e.mode).to_lowercase()),
+        ("extractor", e.mode.to_string()),
         ("evidence", evidence_in_words(e.mode).to_owned()),
         ("bits right, marked clips", format!("{} of {} clips x {} bits", percent(e.marked), e.clips, e.bits)),
         ("bits right, single frames", percent(e.marked_frames)),

@@ -1,40 +1,36 @@
 //! What is built in loads like what users bring, and stays small.
 
 use std::fs;
-use std::path::Path;
 
 use guard4d_engine::scene::camera::{CameraSet, ImageSize};
 use guard4d_engine::scene::model::Model;
 
-use crate::support::repo;
+use crate::support::{files_below, repo};
 
 /// Everything that is built in, together.
 const MAX_BYTES: u64 = 25_000_000;
 
-fn folder_bytes(folder: &Path) -> u64 {
-    let entries = fs::read_dir(folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
-    let size = |path: &Path| if path.is_dir() { folder_bytes(path) } else { path.metadata().map_or(0, |m| m.len()) };
-    entries.map(|entry| size(&entry.expect("a folder of the checkout can be listed").path())).sum()
+/// Bytes of each file below a folder of the repository.
+fn sizes(folder: &str) -> impl Iterator<Item = u64> {
+    let folder = repo(folder);
+    files_below(&folder).into_iter().map(move |file| {
+        let path = folder.join(file);
+        fs::metadata(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display())).len()
+    })
 }
 
 #[test]
 fn built_in_assets_stay_small() {
-    let bytes: u64 = ["mini-clip", "demo-scene"].iter().map(|f| folder_bytes(&repo("engine/assets").join(f))).sum();
+    let bytes: u64 = ["engine/assets/mini-clip", "engine/assets/demo-scene"].into_iter().flat_map(sizes).sum();
     assert!(bytes > 0 && bytes <= MAX_BYTES, "{bytes} bytes are built in, {MAX_BYTES} are allowed");
 }
 
 /// Largest golden file; `generate/common.py` has the same bound.
 const MAX_GOLDEN_BYTES: u64 = 256 * 1024;
 
-fn largest_file(folder: &Path) -> u64 {
-    let entries = fs::read_dir(folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
-    let size = |path: &Path| if path.is_dir() { largest_file(path) } else { path.metadata().map_or(0, |m| m.len()) };
-    entries.map(|entry| size(&entry.expect("a folder of the checkout can be listed").path())).max().unwrap_or(0)
-}
-
 #[test]
 fn golden_files_stay_small() {
-    let bytes = largest_file(&repo("tests/golden"));
+    let bytes = sizes("tests/golden").max().unwrap_or(0);
     assert!(bytes > 0 && bytes <= MAX_GOLDEN_BYTES, "a golden file has {bytes} bytes, {MAX_GOLDEN_BYTES} are allowed");
 }
 

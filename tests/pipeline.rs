@@ -19,6 +19,7 @@ use guard4d_engine::watermark::tmsd::TmsdConfig;
 use guard4d_engine::watermark::undo;
 use guard4d_engine::watermark::verify::{Case, Exhibits, clean_clips};
 
+use crate::support::files_below;
 use crate::support::gpu::{Gpu, device};
 use crate::support::owner::{BITS, Owner, cameras};
 
@@ -56,22 +57,6 @@ fn assert_same(owner: &Owner, a: &Embedded, b: &Embedded, what: &str) {
     assert!(bits(a) == bits(b), "{what}: coefficients");
     let digest = |e: &Embedded| e.extractor.digest(&owner.key).expect("a digest");
     assert_eq!(digest(a), digest(b), "{what}: extractor");
-}
-
-/// Files below `root`, relative, sorted.
-fn files(root: &Path) -> Vec<PathBuf> {
-    let (mut found, mut folders) = (Vec::new(), vec![root.to_path_buf()]);
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).expect("the folder can be listed") {
-            let path = entry.expect("an entry").path();
-            match path.is_dir() {
-                true => folders.push(path),
-                false => found.push(path.strip_prefix(root).expect("below the root").to_path_buf()),
-            }
-        }
-    }
-    found.sort();
-    found
 }
 
 fn bytes(path: &Path) -> Vec<u8> {
@@ -243,14 +228,14 @@ fn deliver_and_verify(mode: ExtractorMode) {
     owner.deliver(&gpu, &embedded, &out);
     let (input, marked, private) = (owner.scene.path(), out.join(MARKED), out.join(PRIVATE));
     // The camera file is the demonstration's; it lies beside the model and goes with it.
-    assert_eq!(files(&marked), files(input), "the same files");
-    for file in files(input).iter().filter(|f| *f != Path::new(PLY)) {
+    assert_eq!(files_below(&marked), files_below(input), "the same files");
+    for file in files_below(input).iter().filter(|f| *f != Path::new(PLY)) {
         assert!(bytes(&marked.join(file)) == bytes(&input.join(file)), "{} is copied", file.display());
     }
     let original = bytes(&input.join(PLY));
     assert_only_colour_changed(&original, &bytes(&marked.join(PLY)));
 
-    assert_eq!(files(&private), [EXTRACTOR, RECEIPT, UNDO].map(PathBuf::from), "the private files");
+    assert_eq!(files_below(&private), [EXTRACTOR, RECEIPT, UNDO].map(PathBuf::from), "the private files");
     let written = ExtractorWeights::read(&private.join(EXTRACTOR), &owner.key).expect("the extractor reads");
     assert_eq!(written, embedded.extractor, "it is the one that was trained with");
     assert_eq!((written.mode, written.tmsd.is_none()), (mode, mode == ExtractorMode::None), "R of the mode");

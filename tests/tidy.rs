@@ -5,6 +5,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use crate::support::files_below;
+
 /// Longest source file, in lines; about 500 is the aim.
 const MAX_LINES: usize = 700;
 
@@ -16,23 +18,10 @@ fn root() -> &'static Path {
 }
 
 /// All files under `tree` (relative to the repository) whose extension is in `extensions`, sorted.
-/// A tree that is gone is a failure, so that no rule passes for want of files.
 fn files(tree: &str, extensions: &[&str]) -> Vec<PathBuf> {
-    let mut found = Vec::new();
-    let mut folders = vec![root().join(tree)];
-    while let Some(folder) = folders.pop() {
-        let entries = fs::read_dir(&folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
-        for entry in entries {
-            let path = entry.expect("a folder of the checkout can be listed").path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if path.extension().is_some_and(|e| extensions.iter().any(|x| e == *x)) {
-                found.push(path);
-            }
-        }
-    }
-    found.sort();
-    found
+    let folder = root().join(tree);
+    let wanted = |path: &PathBuf| path.extension().is_some_and(|e| extensions.iter().any(|x| e == *x));
+    files_below(&folder).into_iter().filter(wanted).map(|path| folder.join(path)).collect()
 }
 
 fn rust_files() -> Vec<PathBuf> {

@@ -17,7 +17,6 @@ use guard4d_engine::watermark::evaluate::{Evaluation, HeldOut};
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::extractor::ExtractorWeights;
 use guard4d_engine::watermark::key::{Key, digest_of};
-use guard4d_engine::watermark::message::Payload;
 use guard4d_engine::watermark::prf::MasterSecret;
 use guard4d_engine::watermark::verify::clean_clips;
 use guard4d_kernels::Device;
@@ -118,8 +117,7 @@ impl Study {
 
     /// A case in words.
     pub(crate) fn name(&self, args: &Args, case: Case) -> String {
-        let mode = format!("{:?}", case.mode).to_lowercase();
-        let Case { target_psnr, seed, .. } = case;
+        let Case { mode, target_psnr, seed, .. } = case;
         format!("{} {mode} {target_psnr} dB, {} bits, seed {seed}", self.scenes[case.model].name, args.bits)
     }
 
@@ -142,7 +140,7 @@ impl Study {
         let scene = &self.scenes[case.model];
         let key = self.key(args, case.seed)?;
         let stranger = self.key(args, stranger(args, case.seed))?;
-        let message = Payload::Random(args.bits).message(&key.prf())?;
+        let message = key.own_message();
         let subject =
             Subject { device: &self.device, clip: &self.clip, key: &key, model: &scene.model, message: &message };
         let config = config(args, case);

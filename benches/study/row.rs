@@ -69,7 +69,7 @@ fn table() -> Vec<(String, Fill)> {
     add("load", |m| m.load.clone());
     add("clip", |m| m.origin.clip.clone());
     add("model", |m| m.model.clone());
-    add("mode", |m| format!("{:?}", m.config.mode).to_lowercase());
+    add("mode", |m| m.config.mode.to_string());
     add("bits", |m| m.evaluation.bits.to_string());
     add("size_px", |m| format!("{}x{}", m.config.size_px.0, m.config.size_px.1));
     add("steps", |m| m.steps.to_string());

@@ -17,7 +17,7 @@ use guard4d_engine::watermark::delivery::{EXTRACTOR, RECEIPT, thresholds};
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::extractor::{ExtractorWeights, PREPROCESS, Reader};
 use guard4d_engine::watermark::key::Key;
-use guard4d_engine::watermark::message::{Message, Payload};
+use guard4d_engine::watermark::message::Message;
 use guard4d_engine::watermark::receipt::{Promise, Receipt, ReceiptBody};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -63,7 +63,7 @@ impl Rigged {
         )
         .done();
         let frames = read_clip(&suspect, &ReadOptions::default()).expect("our own frames");
-        let message = Payload::Random(BITS).message(&key.prf()).expect("16 bits");
+        let message = key.own_message();
         let extractor = rig(gpu, (&clip, &key), frames.frames(), &message);
         fs::create_dir(rigged.file("private")).expect("writable");
         extractor.write(&rigged.file("private").join(EXTRACTOR), &key, Existing::Refuse).expect("writable");

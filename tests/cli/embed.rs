@@ -11,6 +11,7 @@ use serde_json::Value;
 
 use super::{Run, command, guard4d, interrupted, is_begun, names, put, scratch};
 use crate::scene::fixture::gaussians;
+use crate::support::files_below;
 use crate::support::gpu::{Gpu, device};
 use crate::support::owner::key_file;
 
@@ -64,27 +65,18 @@ impl Small {
 
 /// Every file below `root` with its bytes; receipts without what was measured of the run itself.
 fn contents(root: &Path) -> Vec<(PathBuf, Vec<u8>)> {
-    let (mut found, mut folders) = (Vec::new(), vec![root.to_path_buf()]);
-    while let Some(folder) = folders.pop() {
-        for name in names(&folder) {
-            let path = folder.join(name);
-            if path.is_dir() {
-                folders.push(path);
-                continue;
-            }
-            let mut bytes = fs::read(&path).expect("readable");
-            if path.ends_with("receipt.json") {
-                let mut receipt: Value = serde_json::from_slice(&bytes).expect("JSON");
-                receipt["commitment"].take();
-                receipt["body"]["seconds"].take();
-                receipt["body"]["peak_memory_bytes"].take();
-                bytes = receipt.to_string().into_bytes();
-            }
-            found.push((path.strip_prefix(root).expect("below the root").to_path_buf(), bytes));
+    let read = |path: PathBuf| {
+        let mut bytes = fs::read(root.join(&path)).expect("readable");
+        if path.ends_with("receipt.json") {
+            let mut receipt: Value = serde_json::from_slice(&bytes).expect("JSON");
+            receipt["commitment"].take();
+            receipt["body"]["seconds"].take();
+            receipt["body"]["peak_memory_bytes"].take();
+            bytes = receipt.to_string().into_bytes();
         }
-    }
-    found.sort();
-    found
+        (path, bytes)
+    };
+    files_below(root).into_iter().map(read).collect()
 }
 
 #[test]

@@ -73,7 +73,11 @@ fn checkpoints_that_cannot_carry_the_bits_are_refused() {
     *tokens = Tensor::f32(&tokens.shape, vec![0.0; tokens.shape.iter().product()]);
     let words = ["model.safetensors: singular value 8 of the message features", "0.00000", "cannot carry 8 bits"];
     keygen(&silent, "8").refused(65, &words);
-    keygen(&tiny_clip::weights(), "16").refused(2, &["16 bits", "1 to 10 bits with this CLIP (context 12 tokens"]);
+    for bits in ["0", "9", "16"] {
+        let words =
+            [&format!("length: {bits} bits"), "a multiple of 8, 1 to 10 bits with this CLIP (context 12 tokens"];
+        keygen(&tiny_clip::weights(), bits).refused(2, &words);
+    }
     assert_eq!(names(folder.path()), ["tiny-clip"], "no key and no partial key");
 }
 

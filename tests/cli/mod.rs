@@ -22,6 +22,8 @@ use std::time::{Duration, Instant};
 use guard4d_kernels::vk::Assignment;
 use tempfile::TempDir;
 
+use crate::support::names;
+
 /// A hang must fail the test; no start takes this long, not even where other work has the processor.
 const PATIENCE: Duration = Duration::from_secs(600);
 
@@ -139,14 +141,6 @@ fn is_begun(folder: &Path, name: &str) -> bool {
 /// A folder for one test's outputs.
 fn scratch() -> TempDir {
     tempfile::tempdir().expect("a temporary folder can be made")
-}
-
-/// Names in a folder, sorted.
-fn names(folder: &Path) -> Vec<String> {
-    let entries = fs::read_dir(folder).expect("the folder can be listed");
-    let mut names: Vec<_> = entries.map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
-    names.sort();
-    names
 }
 
 /// Writes `bytes` to a file of `folder`.

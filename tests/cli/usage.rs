@@ -2,6 +2,7 @@
 
 use std::process::Command;
 
+use guard4d_engine::watermark::evidence::ExtractorMode;
 use serde_json::Value;
 
 use super::{guard4d, names, scratch};
@@ -20,7 +21,11 @@ fn wrong_usage_ends_with_two() {
     guard4d(&[&"render", &"model", &"--out", &"x", &"--size", &"3x3"]).refused(2, &["each from 16 to 8192"]);
     guard4d(&[&"render", &"model", &"--out", &"x", &"--cameras", &"c", &"--orbit", &"3"]).refused(2, &["--orbit"]);
     guard4d(&[&"embed", &"model", &"--out", &"x"]).refused(2, &["--key <KEY>"]);
-    guard4d(&[&"embed", &"model", &"--out", &"x", &"--key", &"k", &"--extractor", &"best"]).refused(2, &["joint"]);
+    // By the names that receipts and reports use.
+    let modes =
+        [ExtractorMode::None, ExtractorMode::Blind, ExtractorMode::Joint].map(|mode| mode.to_string()).join(", ");
+    assert_eq!(modes, "none, blind, joint");
+    guard4d(&[&"embed", &"model", &"--out", &"x", &"--key", &"k", &"--extractor", &"best"]).refused(2, &[&modes]);
     guard4d(&[&"embed", &"model", &"--out", &"x", &"--key", &"k", &"--bases", &"some"]).refused(2, &["dc, all"]);
     guard4d(&[&"verify", &"--key", &"k", &"--receipt", &"r"]).refused(2, &["<CLIPS>..."]);
     guard4d(&[&"devices", &"--device", &"warp:drive"]).refused(2, &["warp:drive"]);
@@ -28,7 +33,8 @@ fn wrong_usage_ends_with_two() {
     if device().is_some() {
         let folder = scratch();
         let out = folder.path().join("owner.key");
-        guard4d(&[&"keygen", &"--bits", &"12", &"--out", &out]).refused(2, &["12 bits", "a multiple of 8"]);
+        guard4d(&[&"keygen", &"--bits", &"12", &"--out", &out])
+            .refused(2, &["12 bits", "a multiple of 8, 1 to 75 bits"]);
         guard4d(&[&"keygen", &"--device", &"99", &"--out", &out]).refused(69, &["99"]);
         assert_eq!(names(folder.path()), [""; 0], "no key");
     }

@@ -10,7 +10,7 @@ use guard4d_engine::scene::{DeformationWeights, Model, ply};
 use super::fixture::{self, CHANNELS, MULTIRES, RESOLUTION, SPLATS, TinyModel, WIDTH};
 use super::{assert_refused, bad_data};
 use crate::support::pth_builder::{RawView, bare};
-use crate::support::{golden, shared};
+use crate::support::{files_below, golden, shared};
 
 fn open_error(tiny: &TinyModel) -> EngineError {
     Model::open(tiny.path()).expect_err("the model is bad")
@@ -18,24 +18,6 @@ fn open_error(tiny: &TinyModel) -> EngineError {
 
 fn network(model: &Model) -> &DeformationWeights {
     model.deformation.as_ref().expect("a folder has a deformation network")
-}
-
-/// All regular files under `folder`, relative to it, sorted.
-fn files(folder: &Path) -> Vec<PathBuf> {
-    let mut found = Vec::new();
-    let mut folders = vec![folder.to_path_buf()];
-    while let Some(current) = folders.pop() {
-        for entry in fs::read_dir(&current).expect("the folder can be listed") {
-            let path = entry.expect("the folder can be listed").path();
-            if path.is_dir() {
-                folders.push(path);
-            } else {
-                found.push(path.strip_prefix(folder).expect("it is below").to_path_buf());
-            }
-        }
-    }
-    found.sort();
-    found
 }
 
 #[test]
@@ -192,7 +174,7 @@ fn a_marked_copy_differs_only_in_sh_and_carries_no_unmarked_splats() {
     assert_eq!(written.left_out, left_out);
     let mut expected = [copied.as_slice(), std::slice::from_ref(&written.marked)].concat();
     expected.sort();
-    assert_eq!(files(&target), expected);
+    assert_eq!(files_below(&target), expected);
     for name in &copied {
         let bytes = |folder: &Path| fs::read(folder.join(name)).expect("the file is there");
         assert_eq!(bytes(tiny.path()), bytes(&target), "{}", name.display());

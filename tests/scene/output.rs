@@ -7,15 +7,7 @@ use std::path::{Path, PathBuf};
 use guard4d_engine::EngineError;
 use guard4d_engine::output::{AtomicDir, AtomicFile, Existing};
 
-fn names(folder: &Path) -> Vec<String> {
-    let entries = fs::read_dir(folder).expect("the folder can be listed");
-    let name = |entry: std::io::Result<fs::DirEntry>| {
-        entry.expect("the folder can be listed").file_name().to_string_lossy().into_owned()
-    };
-    let mut names: Vec<String> = entries.map(name).collect();
-    names.sort();
-    names
-}
+use crate::support::names;
 
 fn text(path: PathBuf) -> String {
     fs::read_to_string(path).expect("the file is there")

@@ -12,12 +12,39 @@ pub(crate) mod random;
 pub(crate) mod raster;
 pub(crate) mod tiny_clip;
 
+use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// A file of the repository.
 pub(crate) fn repo(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
+}
+
+/// All files below `folder`, relative to it, sorted. A folder that is gone is a failure, so that no check passes for want
+/// of files.
+pub(crate) fn files_below(folder: &Path) -> Vec<PathBuf> {
+    let (mut found, mut folders) = (Vec::new(), vec![folder.to_path_buf()]);
+    while let Some(current) = folders.pop() {
+        let entries = fs::read_dir(&current).unwrap_or_else(|e| panic!("{}: {e}", current.display()));
+        for entry in entries {
+            let path = entry.expect("the folder can be listed").path();
+            match path.is_dir() {
+                true => folders.push(path),
+                false => found.push(path.strip_prefix(folder).expect("it is below").to_path_buf()),
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+/// Names in a folder, sorted.
+pub(crate) fn names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).expect("the folder can be listed");
+    let mut names: Vec<_> = entries.map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
 }
 
 /// A file of the test material beside the repository. `None`, with the reason printed, where the

@@ -15,7 +15,7 @@ use guard4d_engine::watermark::digest::Digest;
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, Subject};
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::key::{Key, digest_of};
-use guard4d_engine::watermark::message::{Message, Payload};
+use guard4d_engine::watermark::message::Message;
 use guard4d_engine::watermark::prf::{MasterSecret, Prf};
 use guard4d_engine::watermark::tokens::{TokenTable, Vocabulary};
 use guard4d_kernels::Device;
@@ -48,7 +48,7 @@ impl Owner {
         let key = Key::read(&path, &clip).expect("the key fits the checkpoint");
         let scene = Scene::unpack().expect("the scene unpacks");
         let model = Model::open(scene.path()).expect("the scene opens");
-        let message = Payload::parse("random", BITS).and_then(|p| p.message(&key.prf())).expect("a message");
+        let message = key.own_message();
         let config = EmbedConfig {
             steps: 4,
             views: 2,

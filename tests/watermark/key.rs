@@ -61,6 +61,8 @@ fn a_key_reads_what_its_text_tower_writes() {
     assert_eq!((report.held_out_accuracy, report.held_out_exact), (1.0, 1.0), "the report's own messages");
     assert_eq!(accuracy(&gpu, &clip, key, 5), 1.0, "messages of ours");
     assert_eq!((report.bits, key.bits()), (8, 8));
+    let random = Payload::parse("random", 8).and_then(|payload| payload.message(&key.prf())).expect("8 bits");
+    assert_eq!(key.own_message(), random, "what `random` stands for");
     assert_eq!(report.key_id, key.prf().key_id().to_string());
     let spectrum = &report.spectrum.0;
     assert!(spectrum.is_sorted_by(|a, b| a >= b) && spectrum[7] > 0.002 && spectrum.len() == 64, "{spectrum:?}");

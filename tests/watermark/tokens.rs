@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use guard4d_engine::watermark::message::Message;
+use guard4d_engine::watermark::message::{MAX_MESSAGE_BITS, Message};
 use guard4d_engine::watermark::prf::{MasterSecret, Prf};
 use guard4d_engine::watermark::tokens::{TokenTable, Vocabulary};
 use proptest::prelude::*;
@@ -50,6 +50,10 @@ fn too_many_bits_are_refused_with_the_limit() {
     assert_eq!(error.exit_code(), 2);
     assert!(error.to_string().contains("1 to 75 bits"), "{error}");
     assert!(TokenTable::derive(&prf(1), CLIP, 0).is_err(), "no bits");
+    let long = Vocabulary { context: 248, ..CLIP };
+    assert!(TokenTable::derive(&prf(1), long, MAX_MESSAGE_BITS).is_ok(), "the longest message");
+    let error = TokenTable::derive(&prf(1), long, MAX_MESSAGE_BITS + 1).expect_err("no message is longer");
+    assert!(error.to_string().contains("1 to 128 bits"), "{error}");
     for (size, context) in [(0, 0), (1, 1), (2, 77), (3, 77), (4, 77), (49_408, 2)] {
         assert!(TokenTable::derive(&prf(1), Vocabulary { size, context }, 1).is_err(), "{size} {context}");
     }

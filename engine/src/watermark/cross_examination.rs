@@ -11,7 +11,7 @@ use super::evaluate::{HeldOut, leak, read_clips};
 use super::evidence::{Claim, Evidence, judge};
 use super::extractor::{ExtractorWeights, Reader, Sight};
 use super::key::Key;
-use super::message::{Message, Payload};
+use super::message::Message;
 use super::null_panel::{Control, ControlKind, Leak};
 use super::other_keys::ThrowawayKeys;
 use super::prf::Purpose;
@@ -84,7 +84,7 @@ pub fn cross_examine(
     }
     let stranger = witnesses.stranger;
     let strange = read(stranger, extractor, &held_out.marked)?;
-    let own = Payload::Random(message.num_bits()).message(&stranger.prf())?;
+    let own = stranger.own_message();
     for (i, reading) in strange.iter().cloned().enumerate() {
         let name = format!("view {i}");
         controls.push(Control { kind: ControlKind::OtherKey, name, reading, message: own });

@@ -54,11 +54,12 @@ pub fn thresholds(bits: usize) -> Thresholds {
     if bits >= LONG_MESSAGE_BITS { default } else { Thresholds { fpr: SHORT_MESSAGE_FPR, ..default } }
 }
 
-/// Writes everything into the existing folder `out`, the receipt last, and evaluates the mark on `cameras`.
+/// Writes everything into the existing folder `out`, the receipt last, and evaluates the mark on `cameras`. Returns the
+/// clips that were evaluated, too.
 ///
 /// # Errors
 /// [`EngineError::Io`] naming the file; when the device fails.
-pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result<Evaluation, EngineError> {
+pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result<(Evaluation, HeldOut), EngineError> {
     let Delivery { subject, config, embedded, input } = delivery;
     let device = subject.device;
     let held_out = HeldOut::shoot(device, subject.model, &embedded.sh_coeffs, cameras)?;
@@ -95,7 +96,7 @@ pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result
         },
     };
     Receipt::seal(body)?.write(&private.join(RECEIPT))?;
-    Ok(evaluation)
+    Ok((evaluation, held_out))
 }
 
 fn promise(delivery: &Delivery<'_>) -> Result<Promise, EngineError> {

@@ -33,6 +33,13 @@ impl ExtractorMode {
     }
 }
 
+/// The name that files and the command line use.
+impl fmt::Display for ExtractorMode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
+    }
+}
+
 /// Which of the two exact tests decides. Chosen beforehand and committed to: the smaller of two
 /// p-values is not a p-value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

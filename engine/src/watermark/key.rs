@@ -9,7 +9,7 @@ use super::capacity::{self, Spectrum};
 use super::decoder::DecoderWeights;
 use super::decoder_training::{DecoderTraining, Trainer};
 use super::digest::Digest;
-use super::message::Message;
+use super::message::{Message, Payload};
 use super::prf::{MasterSecret, Prf, Purpose};
 use super::tokens::{TokenTable, Vocabulary};
 use crate::clip::Clip;
@@ -66,7 +66,7 @@ impl Key {
     /// # Determinism: same secret, checkpoint, device and driver give the same key
     ///
     /// # Errors
-    /// [`EngineError::Usage`] for a length the vocabulary cannot hold;
+    /// [`EngineError::Usage`] for a length that is no multiple of 8 or that the vocabulary cannot hold;
     /// [`EngineError::BadData`] when the checkpoint cannot carry so many bits.
     pub fn generate(
         device: &Device,
@@ -75,15 +75,12 @@ impl Key {
         bits: u32,
     ) -> Result<(Self, KeyReport), EngineError> {
         let started = std::time::Instant::now();
-        if !bits.is_multiple_of(8) {
-            return Err(EngineError::Usage {
-                what: "message length".to_owned(),
-                got: format!("{bits} bits"),
-                expected: "a multiple of 8".to_owned(),
-            });
+        let vocabulary = vocabulary(clip);
+        if !(bits.is_multiple_of(8) && vocabulary.holds(bits)) {
+            return Err(vocabulary.refusal(bits, "a multiple of 8, "));
         }
         let prf = Prf::new(&secret);
-        let table = TokenTable::derive(&prf, vocabulary(clip), bits)?;
+        let table = TokenTable::derive(&prf, vocabulary, bits)?;
         let messages = draw_messages(&prf, bits)?;
         let (features, spectrum) = text_features(clip, &table, &messages)?;
         let width = clip.config().projection_dim;
@@ -124,6 +121,17 @@ impl Key {
     #[must_use]
     pub fn bits(&self) -> usize {
         self.table.num_bits()
+    }
+
+    /// The message that this key alone decides, the same in every model: what `random` stands for.
+    ///
+    /// # Panics
+    /// Never: a table has as many rows as some message has bits.
+    #[must_use]
+    pub fn own_message(&self) -> Message {
+        let bits = u32::try_from(self.bits()).ok();
+        let own = bits.and_then(|bits| Payload::Random(bits).message(&self.prf()).ok());
+        own.expect("tables are refused unless a message can have their length")
     }
 
     /// Hash of the decoder's weights, for receipts.

@@ -1,7 +1,7 @@
 //! Bit-to-token table: how a message becomes a sentence for CLIP's text tower.
 
 use super::digest::Digest;
-use super::message::Message;
+use super::message::{MAX_MESSAGE_BITS, Message};
 use super::prf::{Prf, Purpose, uniform_below};
 use crate::EngineError;
 
@@ -32,10 +32,27 @@ impl Vocabulary {
         self.size.saturating_sub(3)
     }
 
-    /// Most bits a sequence can hold beside its begin and end token, with two distinct ids per bit.
+    /// Longest message that a sequence can hold beside its begin and end token, with two distinct ids per bit.
     #[must_use]
     pub fn max_bits(&self) -> u32 {
-        self.context.saturating_sub(2).min(self.num_usable() / 2)
+        self.context.saturating_sub(2).min(self.num_usable() / 2).min(MAX_MESSAGE_BITS)
+    }
+
+    /// Whether a sequence can hold a message of `num_bits` bits.
+    #[must_use]
+    pub fn holds(&self, num_bits: u32) -> bool {
+        (1..=self.max_bits()).contains(&num_bits)
+    }
+
+    /// The refusal of a message length; `also` is what is asked of it beside the range, with a comma after it.
+    pub(super) fn refusal(&self, num_bits: u32, also: &str) -> EngineError {
+        let Self { size, context } = self;
+        let most = self.max_bits();
+        EngineError::Usage {
+            what: "message length".to_owned(),
+            got: format!("{num_bits} bits"),
+            expected: format!("{also}1 to {most} bits with this CLIP (context {context} tokens, vocabulary {size})"),
+        }
     }
 }
 
@@ -54,17 +71,8 @@ impl TokenTable {
     /// # Determinism
     /// The same secret, vocabulary and length give the same table on every platform.
     pub fn derive(prf: &Prf, vocabulary: Vocabulary, num_bits: u32) -> Result<Self, EngineError> {
-        if num_bits == 0 || num_bits > vocabulary.max_bits() {
-            return Err(EngineError::Usage {
-                what: "message length".to_owned(),
-                got: format!("{num_bits} bits"),
-                expected: format!(
-                    "1 to {} bits with this CLIP (context {} tokens, vocabulary {})",
-                    vocabulary.max_bits(),
-                    vocabulary.context,
-                    vocabulary.size
-                ),
-            });
+        if !vocabulary.holds(num_bits) {
+            return Err(vocabulary.refusal(num_bits, ""));
         }
         let rng = &mut prf.stream(Purpose::TokenTable, 0);
         let mut usable: Vec<u32> = (1..=vocabulary.num_usable()).collect();

@@ -8,7 +8,7 @@ use super::delivery::EXTRACTOR;
 use super::evidence::{Claim, Evidence, judge};
 use super::extractor::{ExtractorWeights, Reader, Sight, decode};
 use super::key::Key;
-use super::message::{Message, Payload};
+use super::message::Message;
 use super::null_panel::{Control, ControlKind};
 use super::other_keys::ThrowawayKeys;
 use super::reading::Reading;
@@ -139,7 +139,7 @@ impl Case<'_> {
             kind: ControlKind::OtherKey,
             name: name.clone(),
             reading: Reading::from_logits(&logits, bits)?,
-            message: Payload::Random(bits).message(&key.prf())?,
+            message: key.own_message(),
         })
     }
 

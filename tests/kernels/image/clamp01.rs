@@ -3,7 +3,7 @@
 use guard4d_kernels::image::clamp01::{backward, forward};
 use guard4d_kernels::reference::image::clamp01 as twin;
 
-use super::{dot, run, unwritten, upload};
+use super::{both_ways, dot};
 use crate::support::gpu::device;
 use crate::support::gradcheck::gradcheck;
 use crate::support::random::Random;
@@ -28,14 +28,11 @@ fn gpu_equals_the_twin() {
     let cases = [vec![], edges.to_vec(), poison.to_vec(), random.vec_f32(67 * 4, -0.5, 1.5)];
     for data in cases {
         let v_data = random.vec_f32(data.len(), -1.0, 1.0);
-        let (x, v_y) = (upload(&gpu, &data), upload(&gpu, &v_data));
-        let (mut y, mut v_x) = (unwritten(&gpu, data.len()), unwritten(&gpu, data.len()));
-        run(&gpu, |rec| {
-            forward(rec, &x, &mut y)?;
-            backward(rec, &x, &v_y, &mut v_x)
+        let [y, v_x] = both_ways(&gpu, (&data, &v_data), |rec, [x, v_y], [y, v_x]| {
+            forward(rec, x, y)?;
+            backward(rec, x, v_y, v_x)
         });
         let same = |got: &[f32], want: &[f32]| got.iter().zip(want).all(|(g, w)| g == w || g.is_nan() && w.is_nan());
-        let (y, v_x) = (y.read().expect("read"), v_x.read().expect("read"));
         assert!(same(&y, &twin::forward(&data)), "forward of {data:?}: {y:?}");
         assert!(same(&v_x, &twin::backward(&data, &v_data)), "backward of {data:?}: {v_x:?}");
     }

@@ -3,7 +3,7 @@
 use guard4d_kernels::image::noise::{Noise, backward, forward};
 use guard4d_kernels::reference::image::noise as twin;
 
-use super::{dot, run, unwritten, upload};
+use super::{both_ways, dot};
 use crate::support::close::assert_close;
 use crate::support::gpu::{Gpu, device};
 use crate::support::gradcheck::gradcheck;
@@ -24,13 +24,10 @@ fn twin_gradient_matches_differences() {
 
 /// y and v_x.
 fn noisy(gpu: &Gpu, noise: Noise, x: &[f32], v_y: &[f32]) -> [Vec<f32>; 2] {
-    let (mut y, mut v_x) = (unwritten(gpu, x.len()), unwritten(gpu, x.len()));
-    let (x, v_y) = (upload(gpu, x), upload(gpu, v_y));
-    run(gpu, |rec| {
-        forward(rec, &noise, &x, &mut y)?;
-        backward(rec, &noise, &x, &v_y, &mut v_x)
-    });
-    [y.read().expect("read"), v_x.read().expect("read")]
+    both_ways(gpu, (x, v_y), |rec, [x, v_y], [y, v_x]| {
+        forward(rec, &noise, x, y)?;
+        backward(rec, &noise, x, v_y, v_x)
+    })
 }
 
 #[test]

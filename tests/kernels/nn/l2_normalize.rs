@@ -4,7 +4,7 @@ use guard4d_kernels::nn::l2_normalize::{backward, forward};
 use guard4d_kernels::reference::nn::l2_normalize as twin;
 use guard4d_kernels::{Device, KernelError};
 
-use super::{dot, run, unwritten, upload};
+use super::{both_ways, dot, unwritten, upload};
 use crate::support::close::assert_close;
 use crate::support::gpu::device;
 use crate::support::gradcheck::gradcheck;
@@ -21,13 +21,10 @@ fn twin_gradient_matches_differences() {
 
 /// y and v_x.
 fn on_gpu(gpu: &Device, width: usize, x: &[f32], v_y: &[f32]) -> [Vec<f32>; 2] {
-    let (mut y, mut v_x) = (unwritten(gpu, x.len()), unwritten(gpu, x.len()));
-    let (x, v_y) = (upload(gpu, x), upload(gpu, v_y));
-    run(gpu, |rec| {
-        forward(rec, &x, width, &mut y)?;
-        backward(rec, &x, &v_y, width, &mut v_x)
-    });
-    [y.read().expect("read"), v_x.read().expect("read")]
+    both_ways(gpu, (x, v_y), |rec, [x, v_y], [y, v_x]| {
+        forward(rec, x, width, y)?;
+        backward(rec, x, v_y, width, v_x)
+    })
 }
 
 #[test]

@@ -30,6 +30,18 @@ pub(super) fn unwritten(gpu: &Device, len: usize) -> Buffer<f32> {
     upload(gpu, &vec![f32::NAN; len])
 }
 
+/// What forward (y) and backward (v_x) write for `x` and `v_y`, all of one length.
+pub(super) fn both_ways(
+    gpu: &Device,
+    (x, v_y): (&[f32], &[f32]),
+    record: impl FnOnce(&mut Recorder, [&Buffer<f32>; 2], [&mut Buffer<f32>; 2]) -> Result<(), KernelError>,
+) -> [Vec<f32>; 2] {
+    let (mut y, mut v_x) = (unwritten(gpu, x.len()), unwritten(gpu, x.len()));
+    let (x, v_y) = (upload(gpu, x), upload(gpu, v_y));
+    run(gpu, |rec| record(rec, [&x, &v_y], [&mut y, &mut v_x]));
+    [y.read().expect("read"), v_x.read().expect("read")]
+}
+
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }

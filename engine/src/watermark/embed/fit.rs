@@ -3,11 +3,9 @@
 //! Nothing here sees a message or a marked clip: the inputs are unmarked clips, random offsets, and the key's
 //! public-to-itself geometry (token directions).
 
+use guard4d_kernels::Device;
 use guard4d_kernels::image::colour_map::ColourMap;
 use guard4d_kernels::image::noise::Noise;
-use guard4d_kernels::image::quantize;
-use guard4d_kernels::image::resize;
-use guard4d_kernels::{Buffer, Device};
 use nalgebra::{Matrix3, SymmetricEigen};
 
 use super::clips::TrainingClip;
@@ -15,7 +13,8 @@ use super::config::EmbedConfig;
 use super::step::Stage;
 use crate::clip::{Clip, Purpose};
 use crate::error::EngineError;
-use crate::render::{OffsetBases, Offsets};
+use crate::render::OffsetBases;
+use crate::scene::gaussians::CHANNELS;
 use crate::watermark::calibration::{Calibration, CalibrationData};
 use crate::watermark::decoder::Decoder;
 use crate::watermark::evidence::ExtractorMode;
@@ -24,8 +23,6 @@ use crate::watermark::key::Key;
 use crate::watermark::prf::{Purpose as Stream, standard_normal, uniform_below};
 use crate::watermark::tmsd::TmsdWeights;
 
-/// Coefficients of the random offset fields; DC terms make most of any mark.
-const RESPONSE_BASES: OffsetBases = OffsetBases::Dc;
 /// SH constant Y₀: colour per unit of DC offset.
 const Y0: f64 = 0.282_094_79;
 /// Clips whose logits set the zero.
@@ -147,7 +144,7 @@ fn content_features(
         .collect()
 }
 
-/// Mean feature change of each random offset field `[k, D]`.
+/// Mean feature change of each random offset field `[k, D]`. Borrows the stage's offsets, which are zero before and after.
 fn responses(
     device: &Device,
     features: &mut FeatureExtractor,
@@ -157,19 +154,15 @@ fn responses(
 ) -> Result<Vec<f32>, EngineError> {
     let mut rng = key.prf().stream(Stream::Responses, config.seed);
     let width = key.text_mean.len();
-    let mut field: Buffer<f32> = device.buffer("fit.field", stage.num_splats * RESPONSE_BASES.floats())?;
     let mut found = Vec::with_capacity(config.responses * width);
     for _ in 0..config.responses {
-        field.write(&random_field(stage.num_splats, config.response_level, &mut rng))?;
-        let offsets = Offsets { data: &field, bases: RESPONSE_BASES };
+        let field = random_field((stage.num_splats, stage.bases), config.response_level, &mut rng);
+        stage.offsets.write(&field)?;
         let mut change = vec![0.0f64; width];
         for _ in 0..CLIPS_PER_RESPONSE {
             let index = uniform_below(&mut rng, u32::try_from(clips.len()).unwrap_or(u32::MAX)) as usize;
             let mut rec = device.recorder()?;
-            let clip = &clips[index];
-            stage.renderer.forward_clip(&mut rec, &clip.plans, Some(offsets), stage.background, &mut stage.raw)?;
-            quantize::forward(&mut rec, &stage.raw, &mut stage.marked)?;
-            resize::forward(&mut rec, &stage.resize, &stage.marked, &mut stage.resized, &mut stage.resize_scratch)?;
+            stage.render(&mut rec, &clips[index])?;
             features.forward(&mut rec, &[&stage.resized])?;
             rec.submit()?;
             let moved = features.features().read()?;
@@ -180,15 +173,17 @@ fn responses(
         #[allow(clippy::cast_possible_truncation, reason = "features are single precision")]
         found.extend(change.into_iter().map(|v| v as f32));
     }
+    stage.offsets.write(&vec![0.0; stage.offsets.len()])?;
     Ok(found)
 }
 
+/// Random offsets of the DC terms, which make most of any mark, in rows as `bases` lays them out; the others are zero.
 #[allow(clippy::cast_possible_truncation, reason = "offsets are single precision")]
-fn random_field(num_splats: usize, level: f64, rng: &mut rand_chacha::ChaCha20Rng) -> Vec<f32> {
-    let row = RESPONSE_BASES.floats();
+fn random_field((num_splats, bases): (usize, OffsetBases), level: f64, rng: &mut rand_chacha::ChaCha20Rng) -> Vec<f32> {
+    let row = bases.floats();
     let mut field = vec![0.0; num_splats * row];
     for splat in field.chunks_exact_mut(row) {
-        for dc in &mut splat[..3] {
+        for dc in &mut splat[..CHANNELS] {
             *dc = (standard_normal(rng) * level / Y0) as f32;
         }
     }

@@ -92,15 +92,6 @@ pub enum Start<'a> {
     Frozen(&'a ExtractorWeights),
 }
 
-/// Whether to go on; asked after every step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Next {
-    /// Take the next step.
-    Continue,
-    /// Stop here.
-    Stop,
-}
-
 /// An embedding under way.
 pub struct Embedding<'a> {
     subject: Subject<'a>,
@@ -298,8 +289,8 @@ fn check_mode(config: &EmbedConfig, weights: &ExtractorWeights) -> Result<(), En
     }
     Err(EngineError::Usage {
         what: "mode of the given extractor".to_owned(),
-        got: format!("{:?}", weights.mode).to_lowercase(),
-        expected: format!("{:?}", config.mode).to_lowercase(),
+        got: weights.mode.to_string(),
+        expected: config.mode.to_string(),
     })
 }
 
