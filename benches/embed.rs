@@ -47,11 +47,13 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
             }
         };
         let subject = Subject { device: &device, clip: &clip, key, model: &model, message };
-        // Few clips and responses: they cost preparation, not steps. No end, so that every sample is a step.
+        // Few clips and responses: they cost preparation, not steps. No end, so that every sample is a step, and no
+        // measurement on held-out clips, so that none is more than a step.
         let few = EmbedConfig {
             steps: usize::MAX,
             views: 4,
             responses: 2 * BITS as usize,
+            held_out_every: 0,
             ..EmbedConfig::new(Profile::Draft, mode)
         };
         Embedding::prepare(subject, EmbedConfig { size_px: (side, side), ..few })

@@ -23,7 +23,8 @@ const EXIT_CODES: &str = "Exit codes:
   2   wrong usage
   4   verify, demo: inconclusive
   65  an input's content is wrong          66  an input is missing
-  69  no suitable device or program        70  internal error
+  69  no suitable device or program, or    70  internal error
+      too little device memory or budget
   73  an output cannot be created          74  reading or writing failed
   75  interrupted; embed left a checkpoint 76  the device was lost";
 
@@ -58,6 +59,11 @@ pub(crate) enum Command {
     /// Makes an owner key: token table and message decoder, derived from a master secret
     Keygen(KeygenArgs),
     /// Writes a message into a model, or takes it out again with --undo
+    ///
+    /// Training takes views of its own: all around the scene's origin (0, 0, 0) and looking at it, --radius away, at
+    /// random heights above the horizon (`elevation_deg` in the receipt), with --fov and --size. A part of the scene that
+    /// they do not see is not marked. --cameras, or --orbit with --elevation and --frames, only say where the result is
+    /// measured.
     Embed(EmbedArgs),
     /// Reads a mark from video and says how sure that is
     Verify(VerifyArgs),

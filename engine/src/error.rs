@@ -6,6 +6,9 @@ use guard4d_kernels::KernelError;
 use miette::Diagnostic;
 use thiserror::Error;
 
+/// Exit code of an error inside guard4d, a panic included.
+pub const INTERNAL_ERROR: u8 = 70;
+
 /// Everything that can go wrong in the engine; messages name file, field, expected and found.
 #[derive(Debug, Error, Diagnostic)]
 pub enum EngineError {
@@ -112,7 +115,7 @@ impl EngineError {
             )
             | Self::Program { .. } => 69,
             Self::Kernel(KernelError::DeviceLost { .. }) => 76,
-            Self::Kernel(_) | Self::NotFinite { .. } => 70,
+            Self::Kernel(_) | Self::NotFinite { .. } => INTERNAL_ERROR,
             Self::CannotCreate { .. } => 73,
             Self::Io { .. } => 74,
             Self::Interrupted { .. } | Self::Stopped => 75,

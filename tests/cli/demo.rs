@@ -3,14 +3,14 @@
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 
 use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::media::{ReadOptions, read_clip};
 use guard4d_engine::watermark::receipt::Receipt;
 use serde_json::Value;
 
-use super::{Run, command, names, put, scratch};
+use super::{Run, command, interrupted, is_begun, names, put, scratch};
 use crate::support::gpu::{Gpu, device};
 use crate::support::owner::{key_file, key_file_of};
 
@@ -44,14 +44,19 @@ impl Stand {
         Self { folder, out }
     }
 
-    /// Runs the demonstration with its results going to `stdout`.
-    fn run(&self, more: &[&str], stdout: Stdio) -> Run {
+    /// The demonstration, to be started.
+    fn command(&self, more: &[&str]) -> Command {
         let (key, wrong) = (self.folder.path().join("owner.key"), self.folder.path().join("wrong.key"));
         let args: [&dyn AsRef<OsStr>; 7] = [&"demo", &"--out", &self.out, &"--key", &key, &"--wrong-key", &wrong];
         let mut command = command(&args);
         command.args("--steps 1 --train-clips 1 --responses 8 --size 64x64".split(' '));
         command.args(["--frames", &FRAMES.to_string()]).args(more);
-        let child = command.stdout(stdout).stderr(Stdio::piped()).spawn();
+        command
+    }
+
+    /// Runs the demonstration with its results going to `stdout`.
+    fn run(&self, more: &[&str], stdout: Stdio) -> Run {
+        let child = self.command(more).stdout(stdout).stderr(Stdio::piped()).spawn();
         Run::of(child.and_then(Child::wait_with_output).expect("the program was built with the tests"))
     }
 
@@ -157,6 +162,15 @@ fn a_demonstration_whose_text_cannot_be_printed_is_kept() {
     let stand = Stand::new(&gpu);
     stand.run(&["--quiet"], full.into()).refused(74, &["stdout", "No space left on device"]);
     stand.written();
+}
+
+#[test]
+fn an_interrupted_demonstration_leaves_nothing() {
+    let Some(gpu) = device() else { return };
+    let stand = Stand::new(&gpu);
+    let run = interrupted(stand.command(&[]), "INT", || is_begun(stand.folder.path(), "out"));
+    run.refused(75, &["stopping after the work at hand", "interrupted; nothing was written"]);
+    assert_eq!(names(stand.folder.path()), ["owner.key", "wrong.key"], "no output, whole or partial");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use guard4d_engine::tensor_file::{Tensor, TensorFile};
 use serde_json::json;
 
 use super::{guard4d, put, scratch};
-use crate::support::close::{assert_close, cosine, worst_ratio};
+use crate::support::close::{assert_close, assert_features_close, cosine, worst_ratio};
 use crate::support::gpu::device;
 use crate::support::raster::{self, RasterCase};
 use crate::support::{golden, repo, shared};
@@ -140,6 +140,18 @@ fn render_refuses_a_gradient_of_another_shape() {
     refused("v_image", &[24, 40, 3], &["v_image.safetensors: dL_dimage: nothing"]);
 }
 
+/// Floats of a feature of the built-in CLIP.
+const FEATURE: usize = 512;
+
+/// Features divided by their lengths.
+fn unit_rows(features: &[f32]) -> Vec<f32> {
+    let unit = |row: &[f32]| {
+        let length = row.iter().map(|v| v * v).sum::<f32>().sqrt();
+        row.iter().map(|v| v / length).collect::<Vec<_>>()
+    };
+    features.chunks(FEATURE).flat_map(unit).collect()
+}
+
 #[test]
 fn clip_matches_transformers() {
     if device().is_none() {
@@ -153,17 +165,31 @@ fn clip_matches_transformers() {
         let (got, want) = (read(&out), read(&input));
         for name in ["image_embeds", "text_embeds"] {
             let (got, want) = same_shape(&got, name, &want, name);
-            for (got, want) in got.chunks(512).zip(want.chunks(512)) {
-                let length = want.iter().map(|v| v * v).sum::<f32>().sqrt();
-                let unit: Vec<f32> = want.iter().map(|v| v / length).collect();
-                // 2e-4 of a feature's length is the agreement asked for.
-                assert_close(got, &unit, 2e-4, 0.0);
-            }
+            assert_features_close(got, &unit_rows(want), FEATURE);
         }
         let (got, want) = same_shape(&got, "v_pixel_values", &want, "v_pixel_values");
         for (got, want) in got.chunks(3 * 64 * 64).zip(want.chunks(3 * 64 * 64)) {
             assert!(cosine(got, want) > 0.9999, "gradient: cosine {}", cosine(got, want));
         }
+    }
+}
+
+#[test]
+fn clip_takes_images_or_texts_alone() {
+    if device().is_none() {
+        return;
+    }
+    let (folder, golden) = (scratch(), read(&repo("tests/golden/clip_mini.safetensors")));
+    for (name, gives) in [("pixel_values", "image_embeds"), ("input_ids", "text_embeds")] {
+        let tensor = golden.get(name).expect("a tensor of the golden").clone();
+        let alone = TensorFile { tensors: [(name.to_owned(), tensor)].into(), ..TensorFile::default() };
+        let input = put(folder.path(), name, &alone.to_bytes().expect("serialises"));
+        let out = folder.path().join(gives);
+        guard4d(&[&"dump", &"clip", &"--input", &input, &"--out", &out]).done();
+        let got = read(&out);
+        assert_eq!(got.tensors.keys().collect::<Vec<_>>(), [gives], "no features of what was not given, no gradient");
+        let (got, want) = same_shape(&got, gives, &golden, gives);
+        assert_features_close(got, &unit_rows(want), FEATURE);
     }
 }
 

@@ -3,15 +3,13 @@
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
 
 use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::scene::ply;
 use guard4d_engine::tensor_file::TensorFile;
 use serde_json::Value;
 
-use super::{Run, command, guard4d, names, put, scratch};
+use super::{Run, command, guard4d, interrupted, is_begun, names, put, scratch};
 use crate::scene::fixture::gaussians;
 use crate::support::files_below;
 use crate::support::gpu::{Gpu, device};
@@ -19,8 +17,6 @@ use crate::support::owner::key_file;
 
 /// Training steps; a signal has to arrive between the first and the last, on a busy machine too.
 const STEPS: u32 = 8;
-/// A hang must fail the test; no start takes this long, not even where other work has the processor.
-const PATIENCE: Duration = Duration::from_secs(600);
 /// What an interrupted run leaves beside its output.
 const CHECKPOINT: &str = "out.checkpoint.safetensors";
 
@@ -66,21 +62,10 @@ impl Small {
         guard4d(&args.iter().map(|a| a as &dyn AsRef<OsStr>).collect::<Vec<_>>())
     }
 
-    /// Starts the program and sends it SIGINT as soon as `ready`.
-    fn interrupt(&self, name: &str, more: &[&str], ready: impl Fn() -> bool) -> Run {
+    /// Starts the program and sends `signal` as soon as `ready`.
+    fn interrupt(&self, signal: &str, (name, more): (&str, &[&str]), ready: impl Fn() -> bool) -> Run {
         let args = self.args(name, more);
-        let mut command = command(&args.iter().map(|a| a as &dyn AsRef<OsStr>).collect::<Vec<_>>());
-        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
-        let started = Instant::now();
-        while !ready() {
-            assert!(started.elapsed() < PATIENCE, "the moment to interrupt never came");
-            assert_eq!(child.try_wait().expect("a child"), None, "the program ended by itself");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        // The shell's own `kill`; the program of that name is not on every machine.
-        let sent = Command::new("sh").args(["-c", &format!("kill -s INT {}", child.id())]).status();
-        assert!(sent.is_ok_and(|s| s.success()), "the signal was sent");
-        Run::of(child.wait_with_output().expect("a child"))
+        interrupted(command(&args.iter().map(|a| a as &dyn AsRef<OsStr>).collect::<Vec<_>>()), signal, ready)
     }
 }
 
@@ -105,7 +90,7 @@ fn an_interrupted_run_goes_on_to_the_same_bytes() {
     let Some(gpu) = device() else { return };
     let small = Small::new(&gpu);
     let checkpoint = small.out(CHECKPOINT);
-    let stopped = small.interrupt("out", &["--checkpoint-every", "0"], || checkpoint.exists());
+    let stopped = small.interrupt("INT", ("out", &["--checkpoint-every", "0"]), || checkpoint.exists());
     stopped.refused(75, &["interrupted; checkpoint at", CHECKPOINT, "--resume"]);
     assert_eq!(
         names(small.folder.path()),
@@ -152,8 +137,9 @@ fn a_signal_before_the_first_step_leaves_a_checkpoint_too() {
     small.run("out", &["--resume"]).refused(65, &[CHECKPOINT]);
     assert_eq!(names(small.folder.path()), ["model.ply", CHECKPOINT, "owner.key"], "no output, whole or partial");
     fs::remove_file(small.out(CHECKPOINT)).expect("writable");
-    let begun = || names(small.folder.path()).iter().any(|name| name.starts_with(".out.partial"));
-    small.interrupt("out", &[], begun).refused(75, &["interrupted; checkpoint at"]);
+    // Not Ctrl-C, but what a scheduler sends when the time is up.
+    let begun = || is_begun(small.folder.path(), "out");
+    small.interrupt("TERM", ("out", &[]), begun).refused(75, &["interrupted; checkpoint at"]);
     assert_eq!(names(small.folder.path()), ["model.ply", CHECKPOINT, "owner.key"], "the partial output is gone");
     let file = TensorFile::read(&small.out(CHECKPOINT)).expect("a checkpoint");
     assert_eq!(file.text("step").expect("a step"), "0", "nothing was done yet");

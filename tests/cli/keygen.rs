@@ -18,7 +18,8 @@ fn hex(secret: [u8; 32]) -> String {
 }
 
 /// The built-in checkpoint and the length that `./x demo` uses. (A key of 16 bits is about half a minute's work, most of
-/// this suite's longest test; 32 and 48 bits are measured by `./x bench`.)
+/// this suite's longest test. Keys of 32 and 48 bits were measured once, with `guard4d keygen --bits L --secret FILE
+/// --json`: benches/results/2026-11-21-lavapipe/keys.md.)
 #[test]
 fn sixteen_bits_are_all_read_with_the_built_in_checkpoint() {
     let Some(gpu) = device() else { return };

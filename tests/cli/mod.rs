@@ -14,13 +14,18 @@ mod verify;
 
 use std::ffi::OsStr;
 use std::fs;
+use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use guard4d_kernels::vk::Assignment;
 use tempfile::TempDir;
 
 use crate::support::names;
+
+/// A hang must fail the test; no start takes this long, not even where other work has the processor.
+const PATIENCE: Duration = Duration::from_secs(600);
 
 /// What a run of the program left.
 struct Run {
@@ -110,6 +115,27 @@ fn command(args: &[&dyn AsRef<OsStr>]) -> Command {
         command.env_remove(name);
     }
     command
+}
+
+/// Starts the program and sends `signal` as soon as `ready`: to it and its children, as a terminal does.
+fn interrupted(mut command: Command, signal: &str, ready: impl Fn() -> bool) -> Run {
+    command.process_group(0).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().expect("the program was built with the tests");
+    let started = Instant::now();
+    while !ready() {
+        assert!(started.elapsed() < PATIENCE, "the moment to interrupt never came");
+        assert_eq!(child.try_wait().expect("a child"), None, "the program ended by itself");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    // The shell's own `kill`; the program of that name is not on every machine.
+    let sent = Command::new("sh").args(["-c", &format!("kill -s {signal} -- -{}", child.id())]).status();
+    assert!(sent.is_ok_and(|s| s.success()), "the signal was sent");
+    Run::of(child.wait_with_output().expect("a child"))
+}
+
+/// Whether an output `name` of `folder` has been begun.
+fn is_begun(folder: &Path, name: &str) -> bool {
+    names(folder).iter().any(|found| found.starts_with(&format!(".{name}.partial")))
 }
 
 /// A folder for one test's outputs.

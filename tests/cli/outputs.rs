@@ -9,7 +9,7 @@ use std::process::{Child, Command, Output, Stdio};
 use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::scene::ply;
 
-use super::{Run, command, guard4d, names, put, scratch};
+use super::{Run, command, guard4d, interrupted, is_begun, names, put, scratch};
 use crate::scene::fixture::{TinyModel, gaussians};
 use crate::support::gpu::device;
 use crate::support::owner::{delivered, key_file};
@@ -226,6 +226,25 @@ fn a_full_disk_leaves_nothing_behind() {
         let left = run.stdout.replace("out.checkpoint.safetensors\n", "");
         assert_eq!(left, "", "nothing is left");
         Run { stdout: left, ..run }.refused(code, &["No space left on device"]);
+    }
+}
+
+#[test]
+fn an_interrupted_render_leaves_nothing() {
+    if device().is_none() {
+        return;
+    }
+    let (folder, tiny) = (scratch(), TinyModel::new());
+    let model = tiny.path();
+    let outputs = if crate::support::has_ffmpeg() { &["frames", "film.mp4"][..] } else { &["frames"] };
+    for name in outputs {
+        let out = folder.path().join(name);
+        // Far more frames than are filmed before the signal arrives.
+        let many: [&dyn AsRef<OsStr>; 6] = [&"--orbit", &"1000", &"--frames", &"8", &"--size", &"64x64"];
+        let render = command(&[&[&"render" as &dyn AsRef<OsStr>, &model, &"--out", &out], &many[..]].concat());
+        let run = interrupted(render, "INT", || is_begun(folder.path(), name));
+        run.refused(75, &["interrupted; nothing was written"]);
+        assert_eq!(names(folder.path()), [""; 0], "{name}: no output, whole or partial");
     }
 }
 

@@ -4,8 +4,8 @@
 use guard4d_engine::clip::{Clip, ClipSource, Purpose};
 use guard4d_engine::tensor_file::TensorFile;
 
-use super::{assert_rows_close, length, padded_texts, pixels_of, token_ids};
-use crate::support::close::{assert_close, cosine};
+use super::{length, padded_texts, pixels_of, token_ids};
+use crate::support::close::{assert_close, assert_features_close, cosine};
 use crate::support::gpu::{Gpu, device};
 use crate::support::{repo, shared};
 
@@ -49,7 +49,7 @@ fn image_features_match_transformers() {
         tower.forward(&mut rec, &pixels, &mut ws).expect("records");
         rec.submit().expect("runs");
         let want = file.floats("image_embeds", &[count, 512]).expect("features");
-        assert_rows_close(&ws.features.read().expect("read"), &unit_rows(want, 512), 512);
+        assert_features_close(&ws.features.read().expect("read"), &unit_rows(want, 512), 512);
     }
 }
 
@@ -93,7 +93,7 @@ fn text_features_match_transformers_without_the_padding() {
     assert!(sequences.chunks_exact(tokens).all(|s| s[tokens - 1] == end), "48 message tokens between begin and end");
     let got = tower.embed(&sequences, tokens).expect("embeds");
     let want = file.floats("message_embeds", &[4, 512]).expect("fixture");
-    assert_rows_close(&got.features, &unit_rows(want, 512), 512);
+    assert_features_close(&got.features, &unit_rows(want, 512), 512);
     let alone = tower.embed(&sequences[tokens..2 * tokens], tokens).expect("embeds");
     assert_eq!(alone.features, got.features[512..1024], "a sequence does not depend on its neighbours");
 }
@@ -108,7 +108,7 @@ fn texts_of_several_lengths_match_transformers() {
         let want = unit_rows(file.floats("text_embeds", &[count, 512]).expect("features"), 512);
         let texts = padded_texts(&file, "input_ids", end);
         for (text, want) in texts.iter().zip(want.chunks_exact(512)) {
-            assert_rows_close(&tower.embed(text, text.len()).expect("embeds").features, want, 512);
+            assert_features_close(&tower.embed(text, text.len()).expect("embeds").features, want, 512);
         }
         assert_eq!(texts.len(), count, "texts");
     }

@@ -6,8 +6,6 @@ mod weights;
 
 use guard4d_engine::tensor_file::{TensorFile, Values};
 
-use crate::support::close::assert_close;
-
 /// Sizes of a tower's transformer.
 pub(crate) struct Tower {
     pub(crate) width: usize,
@@ -77,16 +75,6 @@ fn pixels_of(planes: &[f32], side: usize) -> Vec<f32> {
 
 fn length(x: &[f32]) -> f32 {
     x.iter().map(|v| v * v).sum::<f32>().sqrt()
-}
-
-/// Largest error relative to the row's length, which is 1 for normalised features.
-fn assert_rows_close(got: &[f32], want: &[f32], width: usize) {
-    for (g, w) in got.chunks_exact(width).zip(want.chunks_exact(width)) {
-        let norm = length(w);
-        // 2e-4 of the feature's length is the agreement asked for; f32 rounding through all layers stays below it.
-        assert_close(g, w, 2e-4 * norm, 0.0);
-    }
-    assert_eq!(got.len(), want.len(), "rows");
 }
 
 fn token_ids(file: &TensorFile, name: &str) -> Vec<u32> {

@@ -5,8 +5,8 @@
 use guard4d_engine::clip::{Clip, ClipSource, Purpose};
 use guard4d_engine::tensor_file::{Tensor, TensorFile};
 
-use super::{Dims, Tower, assert_rows_close, length, padded_texts, pixels_of};
-use crate::support::close::{assert_close, cosine};
+use super::{Dims, Tower, length, padded_texts, pixels_of};
+use crate::support::close::{assert_close, assert_features_close, cosine};
 use crate::support::gpu::device;
 use crate::support::repo;
 
@@ -114,10 +114,8 @@ fn features_and_pixel_gradients_match_transformers() {
 
     let golden = golden();
     let floats = |name: &str, shape: &[usize]| golden.floats(name, shape).expect("golden tensor").to_vec();
-    // f32 rounding through 24 half-layers against float64: 2e-4 of a feature's length, as for the miniature CLIP.
-    let embeds = floats("embeds", &[BATCH, 512]);
-    assert_close(&ws.embeds.read().expect("read"), &embeds, 2e-4 * length(&embeds[..512]), 0.0);
-    assert_close(&ws.features.read().expect("read"), &floats("features", &[BATCH, 512]), 2e-4, 0.0);
+    assert_features_close(&ws.embeds.read().expect("read"), &floats("embeds", &[BATCH, 512]), 512);
+    assert_features_close(&ws.features.read().expect("read"), &floats("features", &[BATCH, 512]), 512);
     let v_pixels = v_pixels.read().expect("read");
     let kept = floats("v_pixels_kept", &[BATCH, 3, 32, 32]);
     let lengths = floats("v_pixels_norm", &[BATCH]);
@@ -141,8 +139,8 @@ fn text_features_match_transformers() {
     let texts = padded_texts(&golden, "input_ids", tower.config().begin_and_end().1);
     for ((text, want), embeds) in texts.iter().zip(want.chunks_exact(512)).zip(embeds.chunks_exact(512)) {
         let got = tower.embed(text, text.len()).expect("embeds");
-        assert_rows_close(&got.embeds, embeds, 512);
-        assert_rows_close(&got.features, want, 512);
+        assert_features_close(&got.embeds, embeds, 512);
+        assert_features_close(&got.features, want, 512);
     }
     assert_eq!(texts.iter().map(Vec::len).collect::<Vec<_>>(), [18, 50], "two lengths");
 }

@@ -36,6 +36,10 @@ pub(super) fn file_argument(path: &Path) -> OsString {
 
 /// Starts a program with piped streams.
 pub(super) fn spawn(program: &Path, command: &mut Command) -> Result<Running, EngineError> {
+    // A terminal sends Ctrl-C to a whole group. What to do about it is for the program above to say: were the child to
+    // end first, an interruption would look like a failure of the child.
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(command, 0);
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
     let mut child = child.map_err(|error| failed(program, &explain(&error)))?;
     let stderr = child.stderr.take().expect("stderr was piped above");

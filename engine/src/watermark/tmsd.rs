@@ -21,6 +21,9 @@ const TEXEL: usize = 4;
 const TAPS: usize = 27;
 
 /// Size of the network. The paper says only "shallow"; three layers of 3×3×3 are the usual reading.
+///
+/// There is no switch for biases. What the network adds to a clip must come from the clip: with biases it could print
+/// the message where the colour map leaves nothing of an unmarked clip, and a match would say nothing about the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TmsdConfig {
