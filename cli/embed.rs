@@ -12,9 +12,7 @@ use guard4d_engine::render::OffsetBases;
 use guard4d_engine::scene::{CameraSet, Model};
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::delivery::{self, Delivery};
-use guard4d_engine::watermark::embed::{
-    EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, Profile, Subject,
-};
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, Profile, Subject};
 use guard4d_engine::watermark::evaluate::Evaluation;
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::gate::{Gate, Shortfall};

@@ -66,7 +66,10 @@ pub enum KernelError {
         "`{name}` needs {bytes} bytes beyond the memory budget of {budget}: {live_bytes} are in use, {reserved_bytes} taken \
          from the driver"
     )]
-    #[diagnostic(code(guard4d::kernels::over_budget), help("a larger --vram-budget, smaller pictures, or a smaller CLIP"))]
+    #[diagnostic(
+        code(guard4d::kernels::over_budget),
+        help("a larger --vram-budget, smaller pictures, or a smaller CLIP")
+    )]
     OverBudget {
         /// Buffer name.
         name: String,

@@ -25,7 +25,6 @@ pub enum Arena {
     Clips,
 }
 
-
 /// What a buffer is for, which decides where it lives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
@@ -104,7 +103,8 @@ impl Memory {
         let work = work_memory(properties.memory_types_as_slice(), kind);
         let largest_heap = properties.memory_heaps_as_slice().iter().map(|heap| heap.size).max().unwrap_or(0);
         // The allocator wants whole multiples of 4 MiB.
-        let block_bytes = (largest_heap / BLOCKS_PER_HEAP).next_power_of_two().clamp(*BLOCK_BYTES.start(), *BLOCK_BYTES.end());
+        let block_bytes =
+            (largest_heap / BLOCKS_PER_HEAP).next_power_of_two().clamp(*BLOCK_BYTES.start(), *BLOCK_BYTES.end());
         let allocator = || {
             Allocator::new(&AllocatorCreateDesc {
                 instance: instance.clone(),
@@ -114,7 +114,11 @@ impl Memory {
                 buffer_device_address: false,
                 allocation_sizes: AllocationSizes::new(block_bytes, block_bytes),
             })
-            .map_err(|e| KernelError::Allocation { name: "allocator".into(), bytes: 0, reason: e.to_string() })
+            .map_err(|e| KernelError::Allocation {
+                name: "allocator".into(),
+                bytes: 0,
+                reason: e.to_string(),
+            })
         };
         let allocators = [allocator()?, allocator()?];
         Ok(Self { allocators, work, used: MemoryUse::default(), block_bytes, budget: None })

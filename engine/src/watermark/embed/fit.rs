@@ -49,8 +49,7 @@ pub(super) fn extractor(
             Some(TmsdWeights::new(config.tmsd, map, &mut rng))
         }
     };
-    let mut features =
-        pool.with_room(|| FeatureExtractor::new(device, clip, tmsd.as_ref(), 1, Purpose::Features))?;
+    let mut features = pool.with_room(|| FeatureExtractor::new(device, clip, tmsd.as_ref(), 1, Purpose::Features))?;
     let content = content_features(device, &mut features, pool, stage)?;
     let responses = responses(device, &mut features, (config, key), pool, (stage, &content))?;
     let data = CalibrationData {

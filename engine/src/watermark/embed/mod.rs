@@ -215,8 +215,7 @@ impl<'a> Embedding<'a> {
             sigma: low * (high / low).powf(unit(&mut rng)),
             stream: u32::try_from(self.step).unwrap_or(u32::MAX),
         };
-        let (mut report, timings) =
-            self.critic.step(self.subject.device, &mut self.stage, &clip, config, rates)?;
+        let (mut report, timings) = self.critic.step(self.subject.device, &mut self.stage, &clip, config, rates)?;
         if !(report.total.is_finite() && report.mse.is_finite()) {
             let what = format!("loss at step {}", self.step);
             return Err(EngineError::NotFinite { what, got: f64::from(report.total) });
