@@ -6,6 +6,7 @@ use guard4d_engine::demo::Scene;
 use guard4d_engine::render::{Frame, FrameMut, OffsetBases, Prune};
 use guard4d_engine::scene::{Camera, Model};
 use guard4d_kernels::splat::SH_FLOATS;
+use guard4d_kernels::splat::dc_colour::{self, BaseColours};
 use guard4d_kernels::splat::deform::{self, ALL_COLUMNS, DeformedOut, Heads, RotationUpdate};
 use guard4d_kernels::splat::hexplane::{self, Plane, Planes};
 use guard4d_kernels::splat::project::{self, Projection, View};
@@ -30,6 +31,7 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
     for bases in [OffsetBases::Dc, OffsetBases::All] {
         colours(bench, &state, &lists, bases)?;
     }
+    fixed_colours(bench, state.len(), &lists)?;
     blend(bench, &model, &lists)
 }
 
@@ -110,6 +112,24 @@ fn colours(bench: &mut Bench, state: &SplatState, lists: &VisibleLists, bases: O
     let work = Work::Bytes((count * (228 + 3 * row)) as f64, "V·(16 + 4 + 192 + 3·offsets + 16)");
     bench.passes(&format!("splat/sh backward {count} splats, degree {degree}, {name}"), work, |rec| {
         sh::backward(rec, &sh, &visible, &v_colours, &mut v_offsets)
+    })
+}
+
+/// Colours and their gradient where only the DC terms have offsets.
+fn fixed_colours(bench: &mut Bench, n: usize, lists: &VisibleLists) -> Outcome {
+    let count = lists.num_visible;
+    let (base, offsets) = (bench.data("base", 4 * count)?, bench.data("offsets", 4 * n)?);
+    let mut v_offsets = bench.device.buffer("v_offsets", offsets.len())?;
+    let mut colours = bench.device.buffer("colours", 4 * count)?;
+    let v_colours = bench.data("v_colours", 4 * count)?;
+    let visible = BaseColours { base: &base, splat_from_visible: &lists.splat_from_visible, count };
+    let work = Work::Bytes((52 * count) as f64, "V·(3·16 + 4)");
+    bench.passes(&format!("splat/dc_colour forward {count} splats"), work, |rec| {
+        dc_colour::forward(rec, &visible, Some(&offsets), &mut colours)
+    })?;
+    let work = Work::Bytes((84 * count) as f64, "V·(5·16 + 4)");
+    bench.passes(&format!("splat/dc_colour backward {count} splats"), work, |rec| {
+        dc_colour::backward(rec, &visible, &offsets, &v_colours, &mut v_offsets)
     })
 }
 

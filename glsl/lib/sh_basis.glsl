@@ -1,9 +1,12 @@
+// The basis of degree 0, the same in every direction.
+const float SH_CONSTANT = 0.28209479177387814;
+
 // Real spherical harmonics in 3DGS order and sign (Kerbl et al. 2023); `d` is a unit direction.
 // Entries above `degree` are zero.
 void sh_basis(vec3 d, uint degree, out float y[16]) {
     float one = float(degree >= 1u), two = float(degree >= 2u), three = float(degree >= 3u);
     float xx = d.x * d.x, yy = d.y * d.y, zz = d.z * d.z;
-    y[0] = 0.28209479177387814;
+    y[0] = SH_CONSTANT;
     y[1] = -0.4886025119029199 * d.y * one;
     y[2] = 0.4886025119029199 * d.z * one;
     y[3] = -0.4886025119029199 * d.x * one;

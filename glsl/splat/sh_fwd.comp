@@ -2,7 +2,7 @@
 // splat/sh_fwd: view-dependent colour of each visible splat, Kerbl et al. 2023. One invocation per visible splat.
 //   in   sh_coeffs [N,16,3]   offsets, N rows of OFFSET_TEXELS   dirs [V,4] unit   splat_from_visible [V]
 //   out  colours [V,4] = max(0, 1/2 + sum_j Y_j(d) (h_j + delta_j)), NaN stays, 4th channel 0 (=)
-//   OFFSET_TEXELS: 0, 1 (the DC term) or 12 (like sh_coeffs)
+//   OFFSET_TEXELS: 0, 1 (the DC term) or 12 (like sh_coeffs)   CLAMP: 0 leaves out the max
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
@@ -11,6 +11,7 @@
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint DEGREE = 3;
 layout(constant_id = 1) const uint OFFSET_TEXELS = 12;
+layout(constant_id = 2) const uint CLAMP = 1;
 layout(push_constant) uniform Params { uint num_visible; } p;
 layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer sh_coeffs;
 layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer offsets;
@@ -33,5 +34,5 @@ void main() {
     }
     if (OFFSET_TEXELS == 1u) h[0].xyz += imageLoad(offsets, offset_row).xyz;
     vec3 raw = sh_raw_colour(h, y, DEGREE);
-    colours[i] = vec4(sh_unclamped(raw, raw), 0.0);
+    colours[i] = vec4(CLAMP == 1u ? sh_unclamped(raw, raw) : raw, 0.0);
 }

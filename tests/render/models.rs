@@ -183,3 +183,50 @@ fn plans_report_memory_and_refuse_buffers_that_are_too_short() {
     let frame = Frame { clip: &v_clip, index: 0 };
     assert!(s.renderer.backward(&mut rec, plan, offsets, frame, &mut v_offsets).is_err(), "a short gradient");
 }
+
+#[test]
+fn a_fixed_view_gives_the_same_pictures_and_gradients_in_no_more_memory() {
+    let Some(gpu) = device() else { return };
+    let mut s = setup(&gpu, &demo(), (101, 77), 24, 0.0);
+    let size = ImageSize::new(101, 77).expect("an image size");
+    let cameras = CameraSet::open(&demo().join("transforms_test.json"), size).expect("the cameras open");
+    let (_, camera, time) = cameras.entries().next().expect("a camera");
+    let state = s.field.at(time).expect("deforms");
+    let plan = s.plans[0].clone();
+    let again = s.renderer.plan(&state, camera, Prune::Remove).expect("plans");
+    let fixed = s.renderer.fix_view(again).expect("fixes");
+    assert!(fixed.bytes() <= plan.bytes(), "{} bytes, {} before", fixed.bytes(), plan.bytes());
+    assert_eq!(fixed.visible_splats().expect("reads"), plan.visible_splats().expect("reads"));
+    // Large enough that many colours are clamped.
+    let row = OffsetBases::Dc.floats();
+    let values = Random(4).vec_f32(row * s.field.len(), -2.0, 2.0);
+    let data = gpu.buffer_from("offsets", &values).expect("buffer");
+    let offsets = Offsets { data: &data, bases: OffsetBases::Dc };
+    let mut largest = 0.0f32;
+    for offsets in [None, Some(offsets)] {
+        let want = image(&gpu, &mut s.renderer, &plan, offsets, s.model.background).expect("renders");
+        let got = image(&gpu, &mut s.renderer, &fixed, offsets, s.model.background).expect("renders");
+        // Two orders of adding 16 terms of size one, then a mean of them.
+        assert_close(&got, &want, 1e-5, 0.0);
+        largest = want.iter().fold(largest, |m, v| m.max(*v));
+    }
+    assert!(largest > 1.2, "the offsets show: {largest}");
+    let v_clip = gpu.buffer_from("v_clip", &Random(5).vec_f32(plan.frame_len(), -1.0, 1.0)).expect("buffer");
+    let mut gradient = |plan: &FramePlan| {
+        let mut v_offsets = gpu.buffer("v_offsets", data.len()).expect("buffer");
+        let mut rec = gpu.recorder().expect("recorder");
+        let frame = Frame { clip: &v_clip, index: 0 };
+        s.renderer.backward(&mut rec, plan, offsets, frame, &mut v_offsets).expect("records");
+        rec.submit().expect("runs");
+        v_offsets.read().expect("read")
+    };
+    let (got, want) = (gradient(&fixed), gradient(&plan));
+    // A colour within rounding of the clamp may fall on either side; the data has none.
+    assert!(got == want, "the same colours pass, and the gradients are the same sums");
+    assert!(want.iter().any(|v| *v != 0.0), "there is a gradient");
+
+    let all = gpu.buffer("offsets", SH_FLOATS * s.field.len()).expect("buffer");
+    let all = Offsets { data: &all, bases: OffsetBases::All };
+    let refused = image(&gpu, &mut s.renderer, &fixed, Some(all), s.model.background).expect_err("no directions");
+    assert!(refused.to_string().contains("`dirs`"), "{refused}");
+}

@@ -5,10 +5,12 @@ mod plan;
 
 use std::sync::Arc;
 
+use guard4d_kernels::splat::dc_colour;
 use guard4d_kernels::splat::project::View;
 use guard4d_kernels::splat::rasterize::{self, BackwardScratch};
 use guard4d_kernels::splat::sh::{self, ShInputs};
 use guard4d_kernels::splat::tile_bin::TileBinner;
+use guard4d_kernels::vk::Arena;
 use guard4d_kernels::{Buffer, Device, Recorder};
 
 pub use film::Film;
@@ -74,6 +76,23 @@ impl Renderer {
         Ok(plan)
     }
 
+    /// A plan that is run with offsets of the DC terms or with none: what else makes up the colours is worked out now and
+    /// kept instead of the view directions, so that a run reads 32 bytes for each splat instead of 200. Pays for plans
+    /// that run more than once.
+    ///
+    /// # Errors
+    /// When device memory runs out or the device fails.
+    pub fn fix_view(&self, mut plan: FramePlan) -> Result<FramePlan, EngineError> {
+        let device = self.device.with_arena(Arena::Clips);
+        let mut base = device.buffer("plan.base", 4 * plan.num_visible())?;
+        let none = device.buffer("plan.no_dirs", 0)?;
+        let mut rec = device.recorder()?;
+        sh::before_clamp(&mut rec, &sh_inputs(&plan, None), &plan.visible(), &mut base)?;
+        rec.submit()?;
+        plan.keep_base(base, none);
+        Ok(plan)
+    }
+
     /// Makes room for running `plan`, for plans that another renderer built.
     ///
     /// # Errors
@@ -94,7 +113,7 @@ impl Renderer {
     /// rgb over `background`, not clamped, and the final transmittance.
     ///
     /// # Errors
-    /// [`guard4d_kernels::KernelError::Shape`] when a buffer is too short.
+    /// [`guard4d_kernels::KernelError::Shape`] when a buffer is too short, or offsets beside the DC terms meet a fixed view.
     pub fn forward(
         &mut self,
         rec: &mut Recorder,
@@ -103,7 +122,14 @@ impl Renderer {
         background: [f32; 3],
         frame: FrameMut<'_>,
     ) -> Result<(), EngineError> {
-        sh::forward(rec, &sh_inputs(plan, offsets), &plan.visible(), &mut self.colours)?;
+        match (plan.base_colours(), offsets) {
+            (Some(base), None) => dc_colour::forward(rec, &base, None, &mut self.colours)?,
+            (Some(base), Some(Offsets { data, bases: OffsetBases::Dc })) => {
+                dc_colour::forward(rec, &base, Some(data), &mut self.colours)?;
+            }
+            // Without directions a fixed view is refused for offsets that turn with it.
+            _ => sh::forward(rec, &sh_inputs(plan, offsets), &plan.visible(), &mut self.colours)?,
+        }
         rasterize::forward(rec, &plan.lists, &self.colours, background, frame)?;
         Ok(())
     }
@@ -140,7 +166,12 @@ impl Renderer {
         v_offsets: &mut Buffer<f32>,
     ) -> Result<(), EngineError> {
         rasterize::backward(rec, &plan.lists, v_frame, &mut self.backward, &mut self.v_colours)?;
-        sh::backward(rec, &sh_inputs(plan, Some(offsets)), &plan.visible(), &self.v_colours, v_offsets)?;
+        match (plan.base_colours(), offsets.bases) {
+            (Some(base), OffsetBases::Dc) => {
+                dc_colour::backward(rec, &base, offsets.data, &self.v_colours, v_offsets)?;
+            }
+            _ => sh::backward(rec, &sh_inputs(plan, Some(offsets)), &plan.visible(), &self.v_colours, v_offsets)?,
+        }
         Ok(())
     }
 

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use guard4d_kernels::Buffer;
+use guard4d_kernels::splat::dc_colour::BaseColours;
 use guard4d_kernels::splat::sh::VisibleSplats;
 use guard4d_kernels::splat::tile_bin::VisibleLists;
 
@@ -13,13 +14,15 @@ use crate::error::EngineError;
 #[derive(Debug)]
 pub struct FramePlan {
     pub(super) lists: VisibleLists,
+    /// Unmarked colours before the clamp `[V,4]`, where they took the place of the directions.
+    base: Option<Buffer<f32>>,
     pub(super) sh_coeffs: Arc<Buffer<f32>>,
     pub(super) sh_degree: u32,
 }
 
 impl FramePlan {
     pub(super) fn new(lists: VisibleLists, sh_coeffs: Arc<Buffer<f32>>, sh_degree: u32) -> Self {
-        Self { lists, sh_coeffs, sh_degree }
+        Self { lists, base: None, sh_coeffs, sh_degree }
     }
 
     /// Image width in px.
@@ -55,7 +58,7 @@ impl FramePlan {
     /// Device bytes held by the plan; the scene's coefficients are shared and not counted.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        self.lists.bytes()
+        self.lists.bytes() + size_of::<f32>() * self.base.as_ref().map_or(0, Buffer::len)
     }
 
     /// Rows in the scene of the visible splats, ascending.
@@ -66,11 +69,24 @@ impl FramePlan {
         Ok(self.lists.splat_from_visible.read_range(0..self.num_visible())?)
     }
 
+    /// The splats with the directions that they are seen along; without them when only their base colours are kept.
     pub(super) fn visible(&self) -> VisibleSplats<'_> {
         VisibleSplats {
             dirs: &self.lists.dirs,
             splat_from_visible: &self.lists.splat_from_visible,
             count: self.lists.num_visible,
         }
+    }
+
+    /// The splats with their unmarked colours, when those are kept.
+    pub(super) fn base_colours(&self) -> Option<BaseColours<'_>> {
+        let (splat_from_visible, count) = (&self.lists.splat_from_visible, self.lists.num_visible);
+        self.base.as_ref().map(|base| BaseColours { base, splat_from_visible, count })
+    }
+
+    /// Keeps `base` instead of the directions, in whose place `none` comes.
+    pub(super) fn keep_base(&mut self, base: Buffer<f32>, none: Buffer<f32>) {
+        self.base = Some(base);
+        self.lists.dirs = none;
     }
 }

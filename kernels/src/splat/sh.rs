@@ -61,6 +61,34 @@ pub fn forward(
     visible: &VisibleSplats<'_>,
     colours: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
+    evaluate(rec, sh, visible, colours, true)
+}
+
+/// The same before the clamp, which is what offsets can be added to.
+///
+/// # Shapes
+/// in `sh` [N,16,3] · `visible` [V] · out `colours` [V,4] (=), fourth channel 0
+/// # Equation: `1/2 + sum_j Y_j(d) (h_j + delta_j)`
+/// # Determinism: bitwise; no atomics
+///
+/// # Errors
+/// [`KernelError::Shape`] before anything is recorded.
+pub fn before_clamp(
+    rec: &mut Recorder,
+    sh: &ShInputs<'_>,
+    visible: &VisibleSplats<'_>,
+    colours: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    evaluate(rec, sh, visible, colours, false)
+}
+
+fn evaluate(
+    rec: &mut Recorder,
+    sh: &ShInputs<'_>,
+    visible: &VisibleSplats<'_>,
+    colours: &mut Buffer<f32>,
+    clamp: bool,
+) -> Result<(), KernelError> {
     check(sh, visible, colours.len())?;
     let (offsets, offset_texels) = sh.offsets.map_or((sh.sh_coeffs, 0), |(o, bases)| (o, bases.texels()));
     let bind = sh_fwd::Bind {
@@ -70,7 +98,7 @@ pub fn forward(
         splat_from_visible: visible.splat_from_visible,
         colours,
     };
-    let spec = sh_fwd::Spec { degree: sh.degree, offset_texels };
+    let spec = sh_fwd::Spec { degree: sh.degree, offset_texels, clamp: clamp.into() };
     rec.dispatch_spec(bind, sh_fwd::Params { num_visible: dim(visible.count) }, spec, Grid::threads(visible.count))
 }
 

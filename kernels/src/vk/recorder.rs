@@ -387,7 +387,11 @@ impl Recorder {
         let period = f64::from(self.device.info.timestamp_period_ns);
         let nanos = |pair: &[u64]| pair[1].saturating_sub(pair[0]) as f64 * period;
         let times = ticks.windows(2).map(|pair| Duration::from_secs_f64(nanos(pair) * 1e-9));
-        Ok(Timings { passes: self.passes.iter().zip(times).map(|(&name, time)| PassTime { name, time }).collect() })
+        let passes: Vec<_> = self.passes.iter().zip(times).map(|(&name, time)| PassTime { name, time }).collect();
+        for PassTime { name, time } in &passes {
+            tracing::trace!(pass = name, us = time.as_secs_f64() * 1e6, "ran");
+        }
+        Ok(Timings { passes })
     }
 
     /// The last pass whose timestamp arrived, for the report of a lost device.

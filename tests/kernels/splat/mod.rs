@@ -1,5 +1,6 @@
 //! Tests of `splat`.
 
+mod dc_colour;
 mod deform;
 mod hexplane;
 mod project;

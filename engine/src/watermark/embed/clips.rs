@@ -15,7 +15,7 @@ use super::step::Stage;
 use super::unit;
 use crate::deform::DeformField;
 use crate::error::EngineError;
-use crate::render::{FramePlan, Prune};
+use crate::render::{FramePlan, OffsetBases, Prune};
 use crate::scene::camera_paths::{Band, Lens};
 use crate::scene::{Camera, CameraSet, Model, View};
 use crate::watermark::evidence::ExtractorMode;
@@ -131,7 +131,11 @@ impl ClipBuilder {
         let mut plans = Vec::with_capacity(shots.len());
         for (camera, time) in shots {
             let state = self.field.at(*time)?;
-            plans.push(Arc::new(stage.renderer.plan(&state, camera, Prune::Remove)?));
+            let plan = stage.renderer.plan(&state, camera, Prune::Remove)?;
+            plans.push(Arc::new(match stage.bases {
+                OffsetBases::Dc => stage.renderer.fix_view(plan)?,
+                OffsetBases::All => plan,
+            }));
         }
         let mut reference = self.device.buffer("clip.reference", stage.raw.len())?;
         let mut resized = self.device.buffer("clip.resized", stage.resized.len())?;

@@ -47,7 +47,7 @@ fn raw<R: Real>(coeffs: &[R], splat: usize, y: &[R]) -> [R; 3] {
 }
 
 /// `v` where the colour before the clamp is not below zero; NaN is not, and shows.
-fn unclamped<R: Real>(raw: R, v: R) -> R {
+pub(super) fn unclamped<R: Real>(raw: R, v: R) -> R {
     if raw < R::of(0.0) { R::of(0.0) } else { v }
 }
 
@@ -59,6 +59,18 @@ pub fn forward<R: Real>(coeffs: &[R], dirs: &[R], splats: &[usize], degree: u32)
         let y = basis([d[0], d[1], d[2]], degree);
         let colour = raw(coeffs, splat, &y[..bases(degree)]).map(|v| unclamped(v, v));
         colours.extend([colour[0], colour[1], colour[2], R::of(0.0)]);
+    }
+    colours
+}
+
+/// The same before the clamp.
+#[must_use]
+pub fn before_clamp<R: Real>(coeffs: &[R], dirs: &[R], splats: &[usize], degree: u32) -> Vec<R> {
+    let mut colours = Vec::new();
+    for (d, &splat) in dirs.chunks_exact(4).zip(splats) {
+        let y = basis([d[0], d[1], d[2]], degree);
+        colours.extend(raw(coeffs, splat, &y[..bases(degree)]));
+        colours.push(R::of(0.0));
     }
     colours
 }

@@ -1,0 +1,27 @@
+#version 460
+// splat/dc_colour_bwd: gradient of the DC offsets from the gradient of the colours. One invocation per visible splat.
+//   in   base [V,4] unmarked colour before the clamp   offsets [N,4] of the DC term   splat_from_visible [V]   v_colours [V,4]
+//   in   v_before: v_offsets as texels
+//   out  v_offsets [N,4] += Y_0 v_colour, per channel zero where the colour before the clamp is < 0
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+#include "lib/grid.glsl"
+#include "lib/sh_basis.glsl"
+#include "lib/sh_colour.glsl"
+layout(local_size_x = 64) in;
+layout(push_constant) uniform Params { uint num_visible; } p;
+layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer base;
+layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer offsets;
+layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer v_colours;
+layout(set = 0, binding = 3) readonly buffer SplatFromVisible { uint splat_from_visible[]; };
+layout(set = 0, binding = 4, rgba32f) uniform readonly imageBuffer v_before;
+layout(set = 0, binding = 5) writeonly buffer VOffsets { vec4 v_offsets[]; };
+
+void main() {
+    uint i = global_index();
+    if (i >= p.num_visible) return;
+    int splat = int(splat_from_visible[i]);
+    vec3 raw = imageLoad(base, int(i)).xyz + SH_CONSTANT * imageLoad(offsets, splat).xyz;
+    vec3 v = sh_unclamped(raw, imageLoad(v_colours, int(i)).xyz);
+    v_offsets[splat] = imageLoad(v_before, splat) + vec4(SH_CONSTANT * v, 0.0);
+}
