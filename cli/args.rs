@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use bytesize::ByteSize;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use guard4d_kernels::DeviceSelect;
 
@@ -37,6 +38,9 @@ pub(crate) struct Common {
     /// GPU, else the processor. `guard4d devices` marks the one that it takes.
     #[arg(long, global = true, default_value = "auto", env = "GUARD4D_DEVICE")]
     pub(crate) device: DeviceSelect,
+    /// Most device memory to take, such as 512MiB or 4GB; `embed` then keeps fewer clips at hand, to the same result
+    #[arg(long, global = true, value_name = "SIZE", env = "GUARD4D_VRAM_BUDGET")]
+    pub(crate) vram_budget: Option<ByteSize>,
     /// Print results as JSON on stdout
     #[arg(long, global = true)]
     pub(crate) json: bool,
@@ -213,6 +217,9 @@ pub(crate) struct EmbedArgs {
     /// Folder for the marked model, the private files and a preview
     #[arg(long)]
     pub(crate) out: PathBuf,
+    /// Write nothing: say how much device memory and time this would take, after trying a few clips and steps
+    #[arg(long, conflicts_with_all = ["undo", "resume"])]
+    pub(crate) dry_run: bool,
     /// How much work to spend
     #[arg(long, value_enum, default_value = "balanced")]
     pub(crate) profile: ProfileArg,

@@ -39,7 +39,7 @@ struct Printed<'a> {
     evidence: &'static str,
     wrong_key: WrongKey,
     seconds: &'a BTreeMap<String, f64>,
-    /// Most device memory in buffers at one time.
+    /// Most device memory taken from the driver at one time.
     peak_memory_bytes: u64,
     verification: &'a Report,
 }
@@ -110,7 +110,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     out.commit()?;
     let evaluation = &film.evaluation;
     let evidence = evidence_in_words(evaluation.mode);
-    let (seconds, verification, peak_memory_bytes) = (&seconds, &verification, device.memory_use().peak_bytes);
+    let (seconds, verification, peak_memory_bytes) = (&seconds, &verification, device.memory_use().peak_reserved_bytes);
     let result = Printed { evaluation, evidence, wrong_key, seconds, peak_memory_bytes, verification };
     print(common, &result, human)?;
     note(common, &format!("\nframes, videos, key and receipt are in {}", args.out.display()));

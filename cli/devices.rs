@@ -20,9 +20,13 @@ struct Row {
     selected: bool,
 }
 
-/// Opens the device that `--device` or, for `auto`, a scheduler names.
+/// Opens the device that `--device` or, for `auto`, a scheduler names, with the memory budget that was given.
 pub(crate) fn open(common: &Common) -> Result<Device, EngineError> {
-    Ok(Device::open(&select(common))?)
+    let device = Device::open(&select(common))?;
+    if let Some(budget) = common.vram_budget {
+        device.limit_memory(budget.as_u64());
+    }
+    Ok(device)
 }
 
 fn select(common: &Common) -> DeviceSelect {

@@ -4,20 +4,22 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use bytesize::ByteSize;
 use guard4d_engine::EngineError;
 use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::output::{AtomicDir, Existing};
 use guard4d_engine::render::OffsetBases;
-use guard4d_engine::scene::Model;
+use guard4d_engine::scene::{CameraSet, Model};
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::delivery::{self, Delivery};
-use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, HeldOutReport, Profile, Subject};
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, Profile, Subject};
 use guard4d_engine::watermark::evaluate::Evaluation;
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::gate::{Gate, Shortfall};
 use guard4d_engine::watermark::key::Key;
-use guard4d_engine::watermark::message::Payload;
+use guard4d_engine::watermark::message::{Message, Payload};
 use guard4d_engine::watermark::undo;
+use guard4d_kernels::Device;
 use serde::Serialize;
 
 use crate::args::{BasesArg, Common, EffortArgs, EmbedArgs, ExtractorArg, ProfileArg};
@@ -35,7 +37,7 @@ struct Printed<'a> {
     evidence: &'static str,
     missed: &'a [Shortfall],
     seconds: &'a BTreeMap<String, f64>,
-    /// Most device memory in buffers at one time.
+    /// Most device memory taken from the driver at one time.
     peak_memory_bytes: u64,
 }
 
@@ -45,22 +47,14 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
         undo::restore(&args.model, file, &args.out, existing)?;
         return Ok(Outcome::Done);
     }
+    if args.dry_run {
+        return dry_run(&Inputs::open(args, common)?, common);
+    }
     stop::listen(common);
     let out = AtomicDir::create(&args.out, existing)?;
-    let device = devices::open(common)?;
-    let clip = Clip::load(&device, &ClipSource::from_argument(&args.clip))?;
-    let key_path = args.key.as_ref().expect("clap requires it without --undo");
-    let key = Key::read(key_path, &clip)?;
-    let gate = gate(args, key.bits())?;
-    let model = Model::open(&args.model)?;
-    for warning in &model.warnings {
-        note(common, &format!("note: {warning}"));
-    }
-    let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
-    let message = Payload::parse(&args.message, bits)?.message(&key.prf())?;
-    let cameras = cameras(&args.views)?;
-    let config = config(args);
-    let subject = Subject { device: &device, clip: &clip, key: &key, model: &model, message: &message };
+    let inputs = Inputs::open(args, common)?;
+    let Inputs { gate, cameras, config, .. } = &inputs;
+    let subject = inputs.subject();
     let checkpoint = checkpoint_path(&args.out);
     if args.resume {
         // What cannot be read is told before the views are planned.
@@ -70,21 +64,77 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
     if args.resume {
         embedding.restore(&checkpoint)?;
     }
-    let embedded = train(embedding, &config, common, Some((&checkpoint, args.checkpoint_every)))?;
-    let delivery = Delivery { subject, config: &config, embedded: &embedded, input: &args.model };
-    let (evaluation, _) = delivery::write(out.path(), &delivery, &cameras)?;
+    let embedded = train(embedding, config, common, Some((&checkpoint, args.checkpoint_every)))?;
+    let delivery = Delivery { subject, config, embedded: &embedded, input: &args.model };
+    let (evaluation, _) = delivery::write(out.path(), &delivery, cameras)?;
     out.commit()?;
     remove_checkpoint(&checkpoint);
     let missed = gate.missed(&evaluation);
     let seconds = &embedded.seconds;
     let evidence = evidence_in_words(evaluation.mode);
-    let peak_memory_bytes = device.memory_use().peak_bytes;
+    let peak_memory_bytes = inputs.device.memory_use().peak_reserved_bytes;
     let result = Printed { evaluation: &evaluation, evidence, missed: &missed, seconds, peak_memory_bytes };
     print(common, &result, |result| {
         let costs = cost_rows(result.evaluation, result.seconds, result.peak_memory_bytes);
         table(&[reading_rows(result.evaluation), costs].concat())
     })?;
     Ok(judge(&missed))
+}
+
+/// What the command line names, opened and checked.
+struct Inputs {
+    device: Device,
+    clip: Clip,
+    key: Key,
+    model: Model,
+    message: Message,
+    cameras: CameraSet,
+    config: EmbedConfig,
+    gate: Gate,
+}
+
+impl Inputs {
+    fn open(args: &EmbedArgs, common: &Common) -> Result<Self, EngineError> {
+        let device = devices::open(common)?;
+        let clip = Clip::load(&device, &ClipSource::from_argument(&args.clip))?;
+        let key = Key::read(args.key.as_ref().expect("clap requires it without --undo"), &clip)?;
+        let gate = gate(args, key.bits())?;
+        let model = Model::open(&args.model)?;
+        for warning in &model.warnings {
+            note(common, &format!("note: {warning}"));
+        }
+        let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
+        let message = Payload::parse(&args.message, bits)?.message(&key.prf())?;
+        let cameras = cameras(&args.views)?;
+        Ok(Self { device, clip, key, model, message, cameras, config: config(args), gate })
+    }
+
+    fn subject(&self) -> Subject<'_> {
+        let Self { device, clip, key, model, message, .. } = self;
+        Subject { device, clip, key, model, message }
+    }
+}
+
+/// Says what the embedding would take.
+fn dry_run(inputs: &Inputs, common: &Common) -> Result<Outcome, EngineError> {
+    let estimate = Estimate::of(inputs.subject(), &inputs.config)?;
+    print(common, &estimate, |e| {
+        let size = |bytes: u64| ByteSize(bytes).to_string();
+        let clips = match e.clips_in_memory {
+            all if all == e.clips => format!("{} of {} each, all in memory", e.clips, size(e.clip_bytes)),
+            some => format!("{} of {} each, {some} in memory at a time", e.clips, size(e.clip_bytes)),
+        };
+        let seconds = format!("plan {:.0}, fit {:.0}, train {:.0}", e.plan_seconds, e.fit_seconds, e.train_seconds);
+        table(&[
+            ("splats", e.splats.to_string()),
+            ("clips", clips),
+            ("everything else", size(e.resident_bytes)),
+            ("device memory at its peak", size(e.peak_memory_bytes)),
+            ("budget", e.budget_bytes.map_or("none".to_owned(), size)),
+            ("seconds, about", seconds),
+        ])
+    })?;
+    Ok(Outcome::Done)
 }
 
 /// Says what fell short; the outputs stay.

@@ -110,7 +110,8 @@ impl EngineError {
                 KernelError::NoDriver { .. }
                 | KernelError::NoDevice { .. }
                 | KernelError::Unsuitable { .. }
-                | KernelError::Allocation { .. },
+                | KernelError::Allocation { .. }
+                | KernelError::OverBudget { .. },
             )
             | Self::Program { .. } => 69,
             Self::Kernel(KernelError::DeviceLost { .. }) => 76,

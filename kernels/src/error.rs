@@ -61,6 +61,27 @@ pub enum KernelError {
         /// The allocator's own words.
         reason: String,
     },
+    /// A device allocation would break the budget.
+    #[error(
+        "`{name}` needs {bytes} bytes beyond the memory budget of {budget}: {live_bytes} are in use, {reserved_bytes} taken \
+         from the driver"
+    )]
+    #[diagnostic(
+        code(guard4d::kernels::over_budget),
+        help("a larger --vram-budget, smaller pictures, or a smaller CLIP")
+    )]
+    OverBudget {
+        /// Buffer name.
+        name: String,
+        /// Requested size.
+        bytes: u64,
+        /// Bytes that may be taken from the driver.
+        budget: u64,
+        /// Bytes in buffers.
+        live_bytes: u64,
+        /// Bytes taken from the driver.
+        reserved_bytes: u64,
+    },
     /// The device was lost while a submission ran.
     #[error("the device was lost; last pass known to have finished: {last_pass}")]
     #[diagnostic(code(guard4d::kernels::device_lost))]

@@ -40,6 +40,12 @@ impl Small {
         Self { folder, args }
     }
 
+    /// Gives an option that is among the arguments another value.
+    fn set(&mut self, option: &str, value: &str) {
+        let at = self.args.iter().position(|arg| arg == option).expect("it is among them");
+        value.clone_into(&mut self.args[at + 1]);
+    }
+
     fn out(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
@@ -147,8 +153,36 @@ fn impossible_gates_and_settings_are_refused_before_work() {
     small.run("out", &["--min-accuracy", "NaN"]).refused(2, &["least bit accuracy: NaN"]);
     small.run("out", &["--min-psnr", "inf"]).refused(2, &["least PSNR: inf"]);
     small.run("out", &["--target-psnr", "10"]).refused(2, &["target PSNR: 10"]);
-    let responses = small.args.iter_mut().find(|arg| *arg == "16").expect("their number");
-    "7".clone_into(responses);
+    small.set("--responses", "7");
     small.run("out", &[]).refused(2, &["responses: 7", "at least one per bit, 8"]);
     assert_eq!(names(small.folder.path()), ["model.ply", "owner.key"], "no output, whole or partial");
+}
+
+#[test]
+fn a_dry_run_tells_what_it_takes_and_writes_nothing() {
+    let Some(gpu) = device() else { return };
+    let mut small = Small::new(&gpu);
+    small.set("--extractor", "blind");
+    let told = small.run("out", &["--dry-run", "--json"]);
+    told.done();
+    assert_eq!(names(small.folder.path()), ["model.ply", "owner.key"], "nothing is written");
+    let told: Value = serde_json::from_str(&told.stdout).expect("JSON on stdout");
+    assert_eq!((&told["splats"], &told["clips"]), (&60.into(), &4.into()), "two clips, two held out: {told}");
+    let bytes = |value: &Value| value.as_u64().expect("a number of bytes");
+    let (peak, resident) = (bytes(&told["peak_memory_bytes"]), bytes(&told["resident_bytes"]));
+    assert_eq!(peak, resident + 4 * bytes(&told["clip_bytes"]), "{told}");
+    for stage in ["plan_seconds", "fit_seconds", "train_seconds"] {
+        assert!(told[stage].as_f64().is_some_and(|s| s > 0.0 && s.is_finite()), "{stage}: {told}");
+    }
+
+    let done = small.run("out", &["--json", "--min-accuracy", "0"]);
+    done.done();
+    let printed: Value = serde_json::from_str(&done.stdout).expect("JSON on stdout");
+    let off = peak as f64 / bytes(&printed["peak_memory_bytes"]) as f64;
+    assert!((0.95..=1.05).contains(&off), "told {peak} bytes, took {}", printed["peak_memory_bytes"]);
+
+    // The weights alone are more.
+    small.run("tight", &["--vram-budget", "8MiB"]).refused(69, &["memory budget of 8388608"]);
+    small.run("tight", &["--vram-budget", "many"]).refused(2, &["--vram-budget", "many"]);
+    assert_eq!(names(small.folder.path()), ["model.ply", "out", "owner.key"], "no output of the refused runs");
 }

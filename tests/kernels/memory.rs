@@ -2,7 +2,7 @@
 
 use guard4d_engine::EngineError;
 use guard4d_kernels::KernelError;
-use guard4d_kernels::vk::{DeviceKind, MemoryPropertyFlags as Property, MemoryType, MemoryUse, work_memory};
+use guard4d_kernels::vk::{Arena, DeviceKind, MemoryPropertyFlags as Property, MemoryType, MemoryUse, work_memory};
 
 use crate::support::gpu::own_device;
 
@@ -104,4 +104,51 @@ fn no_room_is_an_error_that_names_who_holds_the_memory() {
     assert!(message.contains("1099511627776 bytes for `scene of a lifetime`"), "{message}");
     assert_eq!(EngineError::from(error).exit_code(), 69);
     assert_eq!(held[1].read().expect("read"), vec![0.0; 5000], "what was there is as it was");
+}
+
+#[test]
+fn a_budget_refuses_what_would_break_it_and_nothing_else() {
+    let Some(gpu) = own_device() else { return };
+    assert_eq!(gpu.memory_budget(), None);
+    // Small buffers share a block, a large one takes memory for itself.
+    let quarter = |n: usize, block: u64| n * block as usize / 4 / size_of::<f32>();
+    let first = gpu.buffer::<f32>("first", 4).expect("buffer");
+    let block = gpu.memory_use().reserved_bytes;
+    let small = gpu.buffer::<f32>("small", quarter(1, block)).expect("buffer");
+    let large = gpu.buffer::<f32>("large", quarter(8, block)).expect("buffer");
+    let used = gpu.memory_use();
+    assert_eq!(used.reserved_bytes, 3 * block, "{used:?}");
+    let budget = 7 * block / 2;
+    gpu.limit_memory(budget);
+    assert_eq!(gpu.memory_budget(), Some(budget));
+    for (name, quarters) in [("needs a second block", 4), ("needs one of its own", 5)] {
+        let len = quarter(quarters, block);
+        let error = gpu.buffer::<f32>(name, len).expect_err("beyond the budget");
+        let KernelError::OverBudget { name: told, bytes, budget: limit, live_bytes, reserved_bytes } = &error else {
+            panic!("{error:?}");
+        };
+        assert_eq!((told.as_str(), *bytes, *limit), (name, 4 * len as u64, budget));
+        assert_eq!((*live_bytes, *reserved_bytes), (used.live_bytes, used.reserved_bytes));
+        assert!(error.to_string().contains(&format!("memory budget of {budget}")), "{error}");
+        assert_eq!(EngineError::from(error).exit_code(), 69);
+        assert_eq!(gpu.memory_use(), used, "a refusal leaves nothing behind");
+    }
+    gpu.buffer::<f32>("fits in the first block", quarter(2, block)).expect("no new block");
+    drop(large);
+    gpu.buffer::<f32>("fits now", quarter(8, block)).expect("the large one is gone");
+    assert!(gpu.memory_use().peak_reserved_bytes <= budget, "{:?}", gpu.memory_use());
+    assert_eq!(small.read_range(0..1).expect("reads"), [0.0], "what was there is as it was");
+    drop(first);
+}
+
+#[test]
+fn arenas_share_no_block() {
+    let Some(gpu) = own_device() else { return };
+    let clips = gpu.with_arena(Arena::Clips);
+    let resident = gpu.buffer::<f32>("resident", 8).expect("buffer");
+    let one = gpu.memory_use().reserved_bytes;
+    let clip = clips.buffer::<f32>("clip", 8).expect("buffer");
+    assert_eq!(gpu.memory_use().reserved_bytes, 2 * one, "a block each");
+    drop((resident, clip));
+    assert_eq!(clips.memory_use().live_bytes, 0, "both handles count the same memory");
 }

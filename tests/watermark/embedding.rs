@@ -1,14 +1,19 @@
 //! What a training step takes, and what it shows of clips that it never sees.
 
+use guard4d_engine::EngineError;
 use guard4d_engine::scene::{Camera, CameraSet, View};
-use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, HeldOutReport, Profile, Start, StepReport};
+use guard4d_engine::watermark::embed::{
+    EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, Profile, Start, StepReport,
+};
 use guard4d_engine::watermark::evaluate::HeldOut;
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::extractor::{ExtractorWeights, Reader};
 use guard4d_engine::watermark::tmsd::{TmsdConfig, TmsdWeights};
+use guard4d_kernels::KernelError;
+use guard4d_kernels::vk::MemoryUse;
 
 use crate::support::close::assert_close;
-use crate::support::gpu::{Gpu, device, staged_device};
+use crate::support::gpu::{Gpu, device, own_device, staged_device};
 use crate::support::owner::{BITS, Owner};
 
 fn config(owner: &Owner, mode: ExtractorMode) -> EmbedConfig {
@@ -150,4 +155,46 @@ fn held_out_figures_of_blind_are_those_of_the_finished_mark() {
 #[test]
 fn held_out_figures_of_joint_are_those_of_the_finished_mark() {
     check_held_out(ExtractorMode::Joint);
+}
+
+/// An embedding on a device of its own that takes at most `budget`, with the most that was taken.
+fn within(budget: Option<u64>, config: &EmbedConfig) -> Option<(Embedded, MemoryUse)> {
+    let gpu = own_device()?;
+    let owner = Owner::new(&gpu);
+    if let Some(budget) = budget {
+        gpu.limit_memory(budget);
+    }
+    let (_, embedded) = train(Embedding::prepare(owner.subject(&gpu), config.clone()).expect("prepares"));
+    Some((embedded, gpu.memory_use()))
+}
+
+#[test]
+fn a_memory_budget_costs_time_and_changes_no_result() {
+    let Some(gpu) = own_device() else { return };
+    let owner = Owner::new(&gpu);
+    let config = EmbedConfig { steps: 3, views: 4, held_out_every: 2, ..config(&owner, ExtractorMode::Blind) };
+    let estimate = Estimate::of(owner.subject(&gpu), &config).expect("estimates");
+    assert_eq!((estimate.clips, estimate.clips_in_memory, estimate.budget_bytes), (6, 6, None), "{estimate:?}");
+    drop((owner, gpu));
+    let Some((free, most)) = within(None, &config) else { return };
+    assert_eq!(free.clips_made, 6, "each once");
+    let off = estimate.peak_memory_bytes as f64 / most.peak_reserved_bytes as f64;
+    assert!((0.95..1.05).contains(&off), "the estimate is within 5 %: {estimate:?}, {most:?}");
+
+    let budget = estimate.resident_bytes + 3 * estimate.clip_bytes;
+    let Some((tight, used)) = within(Some(budget), &config) else { return };
+    assert!(tight.clips_made > 6, "clips had to go: {} were made", tight.clips_made);
+    assert!(used.peak_reserved_bytes <= budget, "{used:?} with {budget}");
+    let bits = |e: &Embedded| e.sh_coeffs.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    assert!(bits(&free) == bits(&tight), "the same mark to the bit");
+    assert_eq!(free.extractor, tight.extractor, "and the same extractor");
+}
+
+#[test]
+fn a_budget_that_holds_no_clip_is_refused_by_name() {
+    let Some(gpu) = own_device() else { return };
+    let owner = Owner::new(&gpu);
+    gpu.limit_memory(gpu.memory_use().reserved_bytes);
+    let refused = Embedding::prepare(owner.subject(&gpu), config(&owner, ExtractorMode::Blind)).err().expect("no room");
+    assert!(matches!(refused, EngineError::Kernel(KernelError::OverBudget { .. })), "{refused:?}");
 }

@@ -50,6 +50,11 @@ impl DeformField {
         self
     }
 
+    /// Drops all moments that are kept.
+    pub fn forget_times(&mut self) {
+        self.cached.clear();
+    }
+
     /// Number of splats.
     #[must_use]
     pub fn len(&self) -> usize {

@@ -81,8 +81,8 @@ impl Renderer {
     pub fn reserve(&mut self, plan: &FramePlan) -> Result<(), EngineError> {
         let colours = 4 * plan.num_visible();
         if self.colours.len() < colours {
-            self.colours = self.device.buffer("render.colours", colours)?;
-            self.v_colours = self.device.buffer("render.v_colours", colours)?;
+            let buffer = |name| self.device.buffer(name, colours);
+            (self.colours, self.v_colours) = (buffer("render.colours")?, buffer("render.v_colours")?);
         }
         if self.backward.capacity() < plan.num_isects() {
             self.backward = BackwardScratch::new(&self.device, plan.num_isects())?;

@@ -87,7 +87,7 @@ pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result
         }),
         figures: figures(&evaluation),
         seconds: embedded.seconds.clone(),
-        peak_memory_bytes: Some(device.memory_use().peak_bytes),
+        peak_memory_bytes: Some(device.memory_use().peak_reserved_bytes),
         device: DeviceRecord {
             name: info.name.clone(),
             driver: info.driver.clone(),

@@ -165,7 +165,7 @@ pub struct ReceiptBody {
     pub figures: Figures,
     /// Wall-clock seconds per stage.
     pub seconds: BTreeMap<String, f64>,
-    /// Most device memory in buffers at one time, in bytes; none in receipts from before it was measured.
+    /// Most device memory taken from the driver at one time, in bytes; none in receipts from before it was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub peak_memory_bytes: Option<u64>,
     /// Device used.

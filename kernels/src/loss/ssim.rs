@@ -54,6 +54,12 @@ impl SsimReference {
         Ok(Self { size, frames, moments: device.buffer("ssim.moments", moments)? })
     }
 
+    /// Bytes of device memory.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        size_of::<f32>() * self.moments.len()
+    }
+
     fn expect_clip(&self, name: &'static str, clip: &Buffer<f32>) -> Result<(), KernelError> {
         expect_len(KERNEL, name, clip, self.frames * self.size.height * self.size.width * CHANNELS)
     }

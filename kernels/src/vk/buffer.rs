@@ -125,7 +125,7 @@ impl BufferInner {
     }
 
     fn mapped(&self) -> Option<*mut u8> {
-        if self.purpose == Purpose::Work && self.device.host_access == HostAccess::Staged {
+        if matches!(self.purpose, Purpose::Work(_)) && self.device.host_access == HostAccess::Staged {
             return None;
         }
         let allocation = self.allocation.as_ref()?;
@@ -145,7 +145,7 @@ impl Drop for BufferInner {
             self.device.raw.destroy_buffer(self.handle, None);
         }
         if let Some(allocation) = self.allocation.take() {
-            self.device.memory().free(allocation);
+            self.device.memory().free(allocation, self.purpose);
         }
     }
 }
@@ -156,7 +156,7 @@ impl Device {
     /// # Errors
     /// [`KernelError::Allocation`] when memory runs out.
     pub fn buffer<T: Element>(&self, name: &str, len: usize) -> Result<Buffer<T>, KernelError> {
-        self.zeros(name, len, Purpose::Work)
+        self.zeros(name, len, Purpose::Work(self.arena()))
     }
 
     /// A buffer of `len` zeros for copies of what the host reads often: [`Buffer::read`] finds it mapped, so that

@@ -7,7 +7,7 @@ use ash::vk;
 use ash::vk::Handle;
 
 use super::buffer::BufferInner;
-use super::memory::Memory;
+use super::memory::{Arena, Memory};
 use super::pipeline::PipelineCache;
 use super::recorder::Slot;
 use super::select::DeviceSelect;
@@ -79,6 +79,10 @@ pub struct MemoryUse {
     pub live_bytes: u64,
     /// Largest value of `live_bytes` so far.
     pub peak_bytes: u64,
+    /// Bytes taken from the driver now: what is in use, and what lies idle in blocks.
+    pub reserved_bytes: u64,
+    /// Largest value of `reserved_bytes` so far.
+    pub peak_reserved_bytes: u64,
     /// Allocations made so far, freed ones among them.
     pub allocations: u64,
 }
@@ -95,11 +99,15 @@ pub enum HostAccess {
 
 /// An open Vulkan device; cheap to clone.
 #[derive(Clone)]
-pub struct Device(Arc<DeviceInner>);
+pub struct Device {
+    inner: Arc<DeviceInner>,
+    /// Where this handle's buffers come from.
+    arena: Arena,
+}
 
 impl std::fmt::Debug for Device {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Device({})", self.0.info.name)
+        write!(f, "Device({})", self.inner.info.name)
     }
 }
 
@@ -272,7 +280,7 @@ impl Device {
         let memory = Memory::new(&instance.raw, &raw, physical, info.kind)?;
         let names = instance.messenger.is_some().then(|| ash::ext::debug_utils::Device::new(&instance.raw, &raw));
         tracing::debug!(device = info.name, driver = info.driver, validated = names.is_some(), "opened");
-        Ok(Self(Arc::new(DeviceInner {
+        let inner = Arc::new(DeviceInner {
             raw,
             info,
             host_access,
@@ -283,36 +291,60 @@ impl Device {
             memory: Mutex::new(Some(memory)),
             names,
             instance,
-        })))
+        });
+        Ok(Self { inner, arena: Arena::default() })
     }
 
     /// Name, driver and limits.
     #[must_use]
     pub fn info(&self) -> &DeviceInfo {
-        &self.0.info
+        &self.inner.info
     }
 
     /// Device memory in buffers: now, at the peak, and how often some was taken.
     #[must_use]
     pub fn memory_use(&self) -> MemoryUse {
-        self.0.memory().used()
+        self.inner.memory().used()
+    }
+
+    /// The same device, whose new buffers go to `arena`.
+    #[must_use]
+    pub fn with_arena(&self, arena: Arena) -> Self {
+        Self { inner: Arc::clone(&self.inner), arena }
+    }
+
+    pub(super) fn arena(&self) -> Arena {
+        self.arena
+    }
+
+    /// Takes at most `bytes` from the driver from now on; a buffer for which that is not enough is refused with
+    /// [`KernelError::OverBudget`]. What is held already stays. Small buffers are refused only after the driver gave
+    /// the block for them, so that for a moment one block more may be held.
+    pub fn limit_memory(&self, bytes: u64) {
+        self.inner.memory().limit(bytes);
+    }
+
+    /// The limit that was set.
+    #[must_use]
+    pub fn memory_budget(&self) -> Option<u64> {
+        self.inner.memory().budget()
     }
 
     /// Whether validation layers watch this device.
     #[must_use]
     pub fn is_validated(&self) -> bool {
-        self.0.instance.messenger.is_some()
+        self.inner.instance.messenger.is_some()
     }
 
     pub(super) fn inner(&self) -> &Arc<DeviceInner> {
-        &self.0
+        &self.inner
     }
 
     /// Says `text` as an error, the way a validation layer does; for trying who listens. Nobody hears it where no layer
     /// watches.
     #[cfg(feature = "validation")]
     pub fn say_error(&self, text: &CStr) {
-        let Some((loader, _)) = &self.0.instance.messenger else { return };
+        let Some((loader, _)) = &self.inner.instance.messenger else { return };
         let data = vk::DebugUtilsMessengerCallbackDataEXT::default().message(text);
         let severity = vk::DebugUtilsMessageSeverityFlagsEXT::ERROR;
         // SAFETY: the extension is enabled and `text` outlives the call.

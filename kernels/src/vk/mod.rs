@@ -13,7 +13,7 @@ pub use assignment::Assignment;
 pub use buffer::{Buffer, Element};
 pub use debug::take_validation_errors;
 pub use device::{Device, DeviceInfo, DeviceKind, HostAccess, MemoryUse};
-pub use memory::work_memory;
+pub use memory::{Arena, work_memory};
 pub use pipeline::{BindingDef, BindingKind, KernelDef};
 pub use recorder::{Bindings, Bound, Grid, PassTime, Recorder, Timings, last_finished};
 pub use select::DeviceSelect;

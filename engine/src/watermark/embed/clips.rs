@@ -1,37 +1,33 @@
-//! Clips of an embedding, for training and held out: what of a view and its frames never changes while colours do.
+//! Clips of an embedding: what of a view and its frames never changes while colours do.
 
 use std::sync::Arc;
 
 use glam::Mat4;
 use guard4d_kernels::image::quantize;
-use guard4d_kernels::image::resize::{self, ResizePlan};
+use guard4d_kernels::image::resize;
 use guard4d_kernels::loss::ssim::{self, SsimReference, SsimScratch};
+use guard4d_kernels::vk::Arena;
 use guard4d_kernels::{Buffer, Device};
 use rand_chacha::ChaCha20Rng;
-use rand_chacha::rand_core::Rng;
 
 use super::config::EmbedConfig;
 use super::step::Stage;
-use super::{Subject, unit};
+use super::unit;
 use crate::deform::DeformField;
 use crate::error::EngineError;
-use crate::render::{FramePlan, Prune, Renderer};
+use crate::render::{FramePlan, Prune};
 use crate::scene::camera_paths::{Band, Lens};
-use crate::scene::{Camera, CameraSet, View};
+use crate::scene::{Camera, CameraSet, Model, View};
 use crate::watermark::evidence::ExtractorMode;
 use crate::watermark::extractor::CLIP_FRAMES;
-use crate::watermark::prf::{Purpose as Stream, uniform_unit};
+use crate::watermark::prf::uniform_unit;
 
 /// Clips that share their times.
 const CLIPS_PER_TIMES: usize = 16;
-/// Clips that are measured and never trained on; two keep a measurement every 25 steps below 5 % of the time.
-const HELD_OUT_CLIPS: u32 = 2;
 
 /// [`CLIP_FRAMES`] frames that are trained on, or measured, together.
 #[derive(Debug)]
 pub(super) struct TrainingClip {
-    /// Camera and time of each frame.
-    pub(super) shots: Vec<(Camera, f32)>,
     pub(super) plans: Vec<Arc<FramePlan>>,
     /// Unmarked frames `[F,H,W,4]`, rounded to 8 bits as a video holds them.
     pub(super) reference: Buffer<f32>,
@@ -41,46 +37,12 @@ pub(super) struct TrainingClip {
     pub(super) moments: Option<SsimReference>,
 }
 
-/// All clips of an embedding.
-pub(super) struct Clips {
-    /// What steps are taken on.
-    pub(super) training: Vec<TrainingClip>,
-    /// What no step is taken on; none when nobody asks for it.
-    pub(super) held_out: Vec<TrainingClip>,
-}
-
-impl Clips {
-    /// Random views over the whole motion. The held-out ones have a random stream of their own, so that the others
-    /// are the same with and without them.
-    pub(super) fn plan(subject: &Subject<'_>, config: &EmbedConfig, stage: &mut Stage) -> Result<Self, EngineError> {
-        let Subject { device, model, key, .. } = *subject;
-        let mut field = DeformField::new(device, &model.gaussians, model.deformation.as_ref())?;
-        let similarity = match config.uses_ssim() {
-            true => Some(SsimScratch::new(device, config.frame_size(), 1)?),
-            false => None,
-        };
-        let mut builder = ClipBuilder {
-            device,
-            field: &mut field,
-            renderer: &mut stage.renderer,
-            resize: &stage.resize,
-            background: stage.background,
-            similarity,
-        };
-        let prf = key.prf();
-        let mut rng = prf.stream(Stream::Views, config.seed);
-        let training = builder.build_all(shots(config, (config.views, config.seed), &mut rng)?)?;
-        // They are measured, not differentiated.
-        builder.similarity = None;
-        let mut rng = prf.stream(Stream::HeldOutViews, config.seed);
-        let held_out = match config.held_out_every {
-            0 => Vec::new(),
-            _ => {
-                let cameras = (HELD_OUT_CLIPS, rng.next_u64());
-                builder.build_all(shots(config, cameras, &mut rng)?)?
-            }
-        };
-        Ok(Self { training, held_out })
+impl TrainingClip {
+    /// Device bytes; the scene's coefficients are shared and not counted.
+    pub(super) fn bytes(&self) -> u64 {
+        let plans: usize = self.plans.iter().map(|plan| plan.bytes()).sum();
+        let frames = size_of::<f32>() * (self.reference.len() + self.resized.len());
+        (plans + frames + self.moments.as_ref().map_or(0, SsimReference::bytes)) as u64
     }
 }
 
@@ -89,7 +51,7 @@ impl Clips {
 /// A clip of `joint` is one camera that turns at its own pace, because its R learns how neighbouring frames belong
 /// together. Without temporal weights to train, each frame gets a view of its own: one step then sees eight views
 /// instead of one.
-fn shots(
+pub(super) fn shots(
     config: &EmbedConfig,
     (clips, seed): (u32, u64),
     rng: &mut ChaCha20Rng,
@@ -134,49 +96,58 @@ fn shot(views: &[View], i: usize, turn_rad: f64) -> Camera {
     }
 }
 
-/// What building a clip needs.
-struct ClipBuilder<'a> {
-    device: &'a Device,
-    field: &'a mut DeformField,
-    renderer: &'a mut Renderer,
-    resize: &'a ResizePlan,
-    background: [f32; 3],
+/// Makes clips.
+pub(super) struct ClipBuilder {
+    device: Device,
+    field: DeformField,
     /// Working memory for [`TrainingClip::moments`], when they are wanted.
     similarity: Option<SsimScratch>,
 }
 
-impl ClipBuilder<'_> {
-    fn build_all(&mut self, clips: Vec<Vec<(Camera, f32)>>) -> Result<Vec<TrainingClip>, EngineError> {
-        clips.into_iter().map(|shots| self.build(shots)).collect()
+impl ClipBuilder {
+    pub(super) fn new(device: &Device, model: &Model, config: &EmbedConfig) -> Result<Self, EngineError> {
+        let device = device.with_arena(Arena::Clips);
+        let field = DeformField::new(&device, &model.gaussians, model.deformation.as_ref())?;
+        let similarity = match config.uses_ssim() {
+            true => Some(SsimScratch::new(&device, config.frame_size(), 1)?),
+            false => None,
+        };
+        Ok(Self { device, field: field.with_cached_times(CLIP_FRAMES), similarity })
     }
 
-    /// Plans and renders one clip.
-    fn build(&mut self, shots: Vec<(Camera, f32)>) -> Result<TrainingClip, EngineError> {
+    /// Gives back the memory of what clips with the same times have in common.
+    pub(super) fn forget_times(&mut self) {
+        self.field.forget_times();
+    }
+
+    /// Plans and renders one clip, for steps to be taken on or, without its moments, for measuring. Works in buffers of
+    /// the stage that are free between steps.
+    pub(super) fn build(
+        &mut self,
+        shots: &[(Camera, f32)],
+        stage: &mut Stage,
+        is_trained_on: bool,
+    ) -> Result<TrainingClip, EngineError> {
         let mut plans = Vec::with_capacity(shots.len());
-        for (camera, time) in &shots {
+        for (camera, time) in shots {
             let state = self.field.at(*time)?;
-            plans.push(Arc::new(self.renderer.plan(&state, camera, Prune::Remove)?));
+            plans.push(Arc::new(stage.renderer.plan(&state, camera, Prune::Remove)?));
         }
-        let frames = shots.len();
-        let (from, to) = (self.resize.from, self.resize.to);
-        let full = frames * from.height * from.width * 4;
-        let mut raw = self.device.buffer("clip.raw", full)?;
-        let mut reference = self.device.buffer("clip.reference", full)?;
-        let mut resized = self.device.buffer("clip.resized", frames * to.height * to.width * 4)?;
-        let mut scratch = self.resize.scratch(self.device, frames)?;
+        let mut reference = self.device.buffer("clip.reference", stage.raw.len())?;
+        let mut resized = self.device.buffer("clip.resized", stage.resized.len())?;
         let mut rec = self.device.recorder()?;
-        self.renderer.forward_clip(&mut rec, &plans, None, self.background, &mut raw)?;
-        quantize::forward(&mut rec, &raw, &mut reference)?;
-        resize::forward(&mut rec, self.resize, &reference, &mut resized, &mut scratch)?;
-        let moments = match &mut self.similarity {
+        stage.renderer.forward_clip(&mut rec, &plans, None, stage.background, &mut stage.raw)?;
+        quantize::forward(&mut rec, &stage.raw, &mut reference)?;
+        resize::forward(&mut rec, &stage.resize, &reference, &mut resized, &mut stage.resize_scratch)?;
+        let moments = match self.similarity.as_mut().filter(|_| is_trained_on) {
             Some(scratch) => {
-                let mut moments = SsimReference::new(self.device, from, frames)?;
+                let mut moments = SsimReference::new(&self.device, stage.resize.from, shots.len())?;
                 ssim::prepare(&mut rec, &reference, &mut moments, scratch)?;
                 Some(moments)
             }
             None => None,
         };
         rec.submit()?;
-        Ok(TrainingClip { shots, plans, reference, resized, moments })
+        Ok(TrainingClip { plans, reference, resized, moments })
     }
 }

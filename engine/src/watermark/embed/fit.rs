@@ -7,9 +7,10 @@ use guard4d_kernels::Device;
 use guard4d_kernels::image::colour_map::ColourMap;
 use guard4d_kernels::image::noise::Noise;
 use nalgebra::{Matrix3, SymmetricEigen};
+use rand_chacha::ChaCha20Rng;
 
-use super::clips::TrainingClip;
 use super::config::EmbedConfig;
+use super::pool::ClipPool;
 use super::step::Stage;
 use crate::clip::{Clip, Purpose};
 use crate::error::EngineError;
@@ -26,9 +27,9 @@ use crate::watermark::tmsd::TmsdWeights;
 /// SH constant Y₀: colour per unit of DC offset.
 const Y0: f64 = 0.282_094_79;
 /// Clips whose logits set the zero.
-const ZERO_CLIPS: usize = 32;
+pub(super) const ZERO_CLIPS: usize = 32;
 /// Clips on which each random field is tried.
-const CLIPS_PER_RESPONSE: usize = 2;
+pub(super) const CLIPS_PER_RESPONSE: usize = 2;
 
 /// R (for `blind` and `joint`) and the calibration for one asset.
 pub(super) fn extractor(
@@ -36,21 +37,21 @@ pub(super) fn extractor(
     clip: &Clip,
     key: &Key,
     config: &EmbedConfig,
-    clips: &[TrainingClip],
+    pool: &mut ClipPool,
     stage: &mut Stage,
 ) -> Result<ExtractorWeights, EngineError> {
     let prf = key.prf();
     let tmsd = match config.mode {
         ExtractorMode::None => None,
         _ => {
-            let map = colour_map(&second_moment(clips)?, config.null_gain, config.null_level);
+            let map = colour_map(&second_moment(pool, stage)?, config.null_gain, config.null_level);
             let mut rng = prf.stream(Stream::TmsdInit, config.seed);
             Some(TmsdWeights::new(config.tmsd, map, &mut rng))
         }
     };
-    let mut features = FeatureExtractor::new(device, clip, tmsd.as_ref(), 1, Purpose::Features)?;
-    let content = content_features(device, &mut features, clips)?;
-    let responses = responses(device, &mut features, (config, key), clips, (stage, &content))?;
+    let mut features = pool.with_room(|| FeatureExtractor::new(device, clip, tmsd.as_ref(), 1, Purpose::Features))?;
+    let content = content_features(device, &mut features, pool, stage)?;
+    let responses = responses(device, &mut features, (config, key), pool, (stage, &content))?;
     let data = CalibrationData {
         content: &content.concat(),
         responses: &responses,
@@ -59,7 +60,7 @@ pub(super) fn extractor(
     };
     let calibration = Calibration::fit(&data, &mut prf.stream(Stream::Calibration, config.seed))?;
     let mut weights = ExtractorWeights { mode: config.mode, tmsd, calibration };
-    set_zero(device, key, &mut features, &mut weights, (config, clips, stage))?;
+    set_zero(device, key, &mut features, &mut weights, (config, pool, stage))?;
     Ok(weights)
 }
 
@@ -72,7 +73,7 @@ pub(super) fn set_zero(
     key: &Key,
     features: &mut FeatureExtractor,
     weights: &mut ExtractorWeights,
-    (config, clips, stage): (&EmbedConfig, &[TrainingClip], &mut Stage),
+    (config, pool, stage): (&EmbedConfig, &mut ClipPool, &mut Stage),
 ) -> Result<(), EngineError> {
     let bits = key.bits();
     weights.calibration.mean_logits = vec![0.0; bits];
@@ -80,13 +81,14 @@ pub(super) fn set_zero(
     let mut pass = decoder.pass(device, CLIP_FRAMES)?;
     let sigma = (config.noise_sigma.0 * config.noise_sigma.1).sqrt();
     let (mut sums, mut rows) = (vec![0.0f64; bits], 0.0);
-    for (stream, clip) in (0..).zip(clips.iter().take(ZERO_CLIPS)) {
+    for (stream, index) in (0..).zip(pool.training().take(ZERO_CLIPS)) {
+        let clip = pool.get(index, stage)?;
         for noise in [None, Some(Noise { sigma, seed: config.seed, stream })] {
             let mut rec = device.recorder()?;
             match noise {
                 None => features.forward(&mut rec, &[&clip.resized])?,
                 Some(noise) => {
-                    stage.noisy(&mut rec, clip, &noise)?;
+                    stage.noisy(&mut rec, &clip, &noise)?;
                     features.forward(&mut rec, &[&stage.noisy_resized])?;
                 }
             }
@@ -105,15 +107,18 @@ pub(super) fn set_zero(
 }
 
 /// E[x xᵀ] over all pixels of the resized unmarked clips.
-fn second_moment(clips: &[TrainingClip]) -> Result<Matrix3<f64>, EngineError> {
-    let (mut sum, mut count) = (Matrix3::zeros(), 0.0);
-    for clip in clips {
-        for texel in clip.resized.read()?.as_chunks::<4>().0 {
+fn second_moment(pool: &mut ClipPool, stage: &mut Stage) -> Result<Matrix3<f64>, EngineError> {
+    // Clips come in the order of what is in memory; their sums are added in the order of their numbers.
+    let mut sums = vec![(Matrix3::zeros(), 0.0); pool.training().len()];
+    for index in pool.training_at_hand_first() {
+        let (sum, count) = &mut sums[index];
+        for texel in pool.get(index, stage)?.resized.read()?.as_chunks::<4>().0 {
             let x = nalgebra::Vector3::new(f64::from(texel[0]), f64::from(texel[1]), f64::from(texel[2]));
-            sum += x * x.transpose();
-            count += 1.0;
+            *sum += x * x.transpose();
+            *count += 1.0;
         }
     }
+    let (sum, count) = sums.into_iter().fold((Matrix3::zeros(), 0.0), |(sum, n), (s, m)| (sum + s, n + m));
     Ok(sum / f64::max(count, 1.0))
 }
 
@@ -131,38 +136,41 @@ fn colour_map(moment: &Matrix3<f64>, gain: f64, level: f64) -> ColourMap {
 fn content_features(
     device: &Device,
     features: &mut FeatureExtractor,
-    clips: &[TrainingClip],
+    pool: &mut ClipPool,
+    stage: &mut Stage,
 ) -> Result<Vec<Vec<f32>>, EngineError> {
-    clips
-        .iter()
-        .map(|clip| {
-            let mut rec = device.recorder()?;
-            features.forward(&mut rec, &[&clip.resized])?;
-            rec.submit()?;
-            Ok(features.features().read()?)
-        })
-        .collect()
+    let mut found = vec![Vec::new(); pool.training().len()];
+    for index in pool.training_at_hand_first() {
+        let clip = pool.get(index, stage)?;
+        let mut rec = device.recorder()?;
+        features.forward(&mut rec, &[&clip.resized])?;
+        rec.submit()?;
+        found[index] = features.features().read()?;
+    }
+    Ok(found)
 }
 
-/// Mean feature change of each random offset field `[k, D]`. Borrows the stage's offsets, which are zero before and after.
+/// Mean feature change of each random offset field `[k, D]`. The fields take the place of the offsets, which are zero
+/// again afterwards.
 fn responses(
     device: &Device,
     features: &mut FeatureExtractor,
     (config, key): (&EmbedConfig, &Key),
-    clips: &[TrainingClip],
+    pool: &mut ClipPool,
     (stage, content): (&mut Stage, &[Vec<f32>]),
 ) -> Result<Vec<f32>, EngineError> {
     let mut rng = key.prf().stream(Stream::Responses, config.seed);
     let width = key.text_mean.len();
+    let clips = u32::try_from(pool.training().len()).unwrap_or(u32::MAX);
     let mut found = Vec::with_capacity(config.responses * width);
     for _ in 0..config.responses {
-        let field = random_field((stage.num_splats, stage.bases), config.response_level, &mut rng);
-        stage.offsets.write(&field)?;
+        stage.offsets.write(&random_field(stage.num_splats, stage.bases, config.response_level, &mut rng))?;
         let mut change = vec![0.0f64; width];
         for _ in 0..CLIPS_PER_RESPONSE {
-            let index = uniform_below(&mut rng, u32::try_from(clips.len()).unwrap_or(u32::MAX)) as usize;
+            let index = uniform_below(&mut rng, clips) as usize;
+            let clip = pool.get(index, stage)?;
             let mut rec = device.recorder()?;
-            stage.render(&mut rec, &clips[index])?;
+            stage.render(&mut rec, &clip)?;
             features.forward(&mut rec, &[&stage.resized])?;
             rec.submit()?;
             let moved = features.features().read()?;
@@ -177,9 +185,9 @@ fn responses(
     Ok(found)
 }
 
-/// Random offsets of the DC terms, which make most of any mark, in rows as `bases` lays them out; the others are zero.
+/// DC offsets, which make most of any mark, laid out as `bases` has them.
 #[allow(clippy::cast_possible_truncation, reason = "offsets are single precision")]
-fn random_field((num_splats, bases): (usize, OffsetBases), level: f64, rng: &mut rand_chacha::ChaCha20Rng) -> Vec<f32> {
+fn random_field(num_splats: usize, bases: OffsetBases, level: f64, rng: &mut ChaCha20Rng) -> Vec<f32> {
     let row = bases.floats();
     let mut field = vec![0.0; num_splats * row];
     for splat in field.chunks_exact_mut(row) {

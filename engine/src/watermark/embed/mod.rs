@@ -4,7 +4,9 @@ mod checkpoint;
 mod clips;
 mod config;
 mod cost;
+mod estimate;
 mod fit;
+mod pool;
 mod step;
 
 use std::collections::BTreeMap;
@@ -15,6 +17,7 @@ use rand_chacha::ChaCha20Rng;
 
 pub use config::{Control, EmbedConfig, Profile};
 pub use cost::StepPart;
+pub use estimate::Estimate;
 pub use step::{HeldOutReport, StepReport};
 
 use crate::clip::{Clip, Purpose};
@@ -29,7 +32,7 @@ use crate::watermark::extractor::{ExtractorWeights, FeatureExtractor, Training};
 use crate::watermark::key::Key;
 use crate::watermark::message::Message;
 use crate::watermark::prf::{Purpose as Stream, uniform_below, uniform_unit};
-use clips::Clips;
+use pool::ClipPool;
 use step::{Critic, Rates, Stage};
 
 /// Weight of the newest step in the running mean of the squared error.
@@ -48,6 +51,8 @@ pub struct Embedded {
     pub device_seconds: BTreeMap<&'static str, f64>,
     /// Steps taken.
     pub steps: usize,
+    /// Clips made; more than there are if the memory budget did not hold them all.
+    pub clips_made: usize,
     /// Running mean of the squared error of training frames.
     pub mse: f32,
 }
@@ -96,7 +101,7 @@ pub enum Start<'a> {
 pub struct Embedding<'a> {
     subject: Subject<'a>,
     config: EmbedConfig,
-    clips: Clips,
+    clips: ClipPool,
     stage: Stage,
     critic: Critic,
     weights: ExtractorWeights,
@@ -125,27 +130,41 @@ impl<'a> Embedding<'a> {
     /// As [`Embedding::prepare`]; [`EngineError::Usage`] for a frozen extractor of another mode than the settings'.
     pub fn prepare_with(subject: Subject<'a>, config: EmbedConfig, start: Start<'_>) -> Result<Self, EngineError> {
         config.validate()?;
+        let clips = ClipPool::draw(&subject, &config)?;
+        Self::prepare_on(subject, config, start, clips)
+    }
+
+    /// The same on these clips.
+    fn prepare_on(
+        subject: Subject<'a>,
+        config: EmbedConfig,
+        start: Start<'_>,
+        mut clips: ClipPool,
+    ) -> Result<Self, EngineError> {
         let Subject { device, clip, key, model, message } = subject;
         let mut seconds = BTreeMap::new();
         let started = Instant::now();
         let side = clip.config().vision_config.image_size;
         let mut stage = Stage::new(device, model, &config, side)?;
-        let clips = Clips::plan(&subject, &config, &mut stage)?;
+        clips.fill(&mut stage)?;
         seconds.insert("plan".to_owned(), started.elapsed().as_secs_f64());
 
         let started = Instant::now();
         let (weights, branches, frozen) = match start {
             Start::Fit => {
-                let fitted = fit::extractor(device, clip, key, &config, &clips.training, &mut stage)?;
+                let fitted = fit::extractor(device, clip, key, &config, &mut clips, &mut stage)?;
                 (fitted, config.branches(), None)
             }
             // The control losses say nothing about offsets, and R is not to be trained.
             Start::Frozen(given) => (given.clone(), 1, Some(given.digest(key)?)),
         };
         check_mode(&config, &weights)?;
-        let features = FeatureExtractor::new(device, clip, weights.tmsd.as_ref(), branches, Purpose::InputGradient)?;
-        let decoder = Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;
-        let critic = Critic::new(device, features, decoder, message, &config)?;
+        let critic = clips.with_room(|| {
+            let tmsd = weights.tmsd.as_ref();
+            let features = FeatureExtractor::new(device, clip, tmsd, branches, Purpose::InputGradient)?;
+            let decoder = Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;
+            Critic::new(device, features, decoder, message, &config)
+        })?;
         seconds.insert("fit".to_owned(), started.elapsed().as_secs_f64());
         seconds.insert("train".to_owned(), 0.0);
         Ok(Self {
@@ -187,8 +206,8 @@ impl<'a> Embedding<'a> {
         let started = Instant::now();
         let config = &self.config;
         let mut rng = self.subject.key.prf().stream(Stream::Embedding, stream_index(config.seed, self.step));
-        let training = &self.clips.training;
-        let index = uniform_below(&mut rng, u32::try_from(training.len()).unwrap_or(u32::MAX)) as usize;
+        let training = u32::try_from(self.clips.training().len()).unwrap_or(u32::MAX);
+        let clip = self.clips.get(uniform_below(&mut rng, training) as usize, &mut self.stage)?;
         let (low, high) = config.noise_sigma;
         let rates = Rates {
             decay: cosine(self.step, config.steps, config.lr_floor),
@@ -196,8 +215,7 @@ impl<'a> Embedding<'a> {
             sigma: low * (high / low).powf(unit(&mut rng)),
             stream: u32::try_from(self.step).unwrap_or(u32::MAX),
         };
-        let (mut report, timings) =
-            self.critic.step(self.subject.device, &mut self.stage, &training[index], config, rates)?;
+        let (mut report, timings) = self.critic.step(self.subject.device, &mut self.stage, &clip, config, rates)?;
         if !(report.total.is_finite() && report.mse.is_finite()) {
             let what = format!("loss at step {}", self.step);
             return Err(EngineError::NotFinite { what, got: f64::from(report.total) });
@@ -225,21 +243,20 @@ impl<'a> Embedding<'a> {
     /// # Errors
     /// When the device fails, or a figure is not a number.
     pub fn held_out(&mut self) -> Result<Option<HeldOutReport>, EngineError> {
-        let clips = self.clips.held_out.as_slice();
-        if clips.is_empty() {
+        if self.clips.held_out().is_empty() {
             return Ok(None);
         }
-        self.critic.measure(self.subject.device, &mut self.stage, clips, &self.config).map(Some)
+        self.critic.measure(self.subject.device, &mut self.stage, &mut self.clips, &self.config).map(Some)
     }
 
     /// Cameras and times of the clips that steps are taken on.
     pub fn training_shots(&self) -> impl Iterator<Item = &[(Camera, f32)]> {
-        self.clips.training.iter().map(|clip| clip.shots.as_slice())
+        self.clips.shots(self.clips.training())
     }
 
     /// Cameras and times of the clips that no step is taken on.
     pub fn held_out_shots(&self) -> impl Iterator<Item = &[(Camera, f32)]> {
-        self.clips.held_out.iter().map(|clip| clip.shots.as_slice())
+        self.clips.shots(self.clips.held_out())
     }
 
     /// Chooses the factor on the offsets for the next step so that the running squared error stays at the target.
@@ -258,25 +275,30 @@ impl<'a> Embedding<'a> {
     ///
     /// # Errors
     /// When reading from the device fails.
-    pub fn finish(mut self) -> Result<Embedded, EngineError> {
-        let offsets = self.stage.offsets.read()?;
-        let clean = &self.subject.model.gaussians.sh_coeffs;
-        let sh_coeffs = marked(clean, &offsets, self.stage.bases);
-        if self.critic.training() == Training::Tmsd
-            && let Some(tmsd) = self.critic.features.tmsd()
-        {
-            self.weights.tmsd = Some(tmsd.weights()?);
-            let Subject { device, clip, key, .. } = self.subject;
-            let mut features = FeatureExtractor::new(device, clip, self.weights.tmsd.as_ref(), 1, Purpose::Features)?;
-            let unmarked = (&self.config, self.clips.training.as_slice(), &mut self.stage);
-            fit::set_zero(device, key, &mut features, &mut self.weights, unmarked)?;
+    pub fn finish(self) -> Result<Embedded, EngineError> {
+        let Self { subject, config, mut clips, mut stage, mut critic, mut weights, .. } = self;
+        let offsets = stage.offsets.read()?;
+        let sh_coeffs = marked(&subject.model.gaussians.sh_coeffs, &offsets, stage.bases);
+        let trained = match critic.training() {
+            Training::Tmsd => critic.features.tmsd().map(|tmsd| tmsd.weights()).transpose()?,
+            Training::Frozen => None,
+        };
+        // Its memory is more than what follows takes.
+        drop(critic);
+        if trained.is_some() {
+            weights.tmsd = trained;
+            let Subject { device, clip, key, .. } = subject;
+            let tmsd = weights.tmsd.as_ref();
+            let mut features = clips.with_room(|| FeatureExtractor::new(device, clip, tmsd, 1, Purpose::Features))?;
+            fit::set_zero(device, key, &mut features, &mut weights, (&config, &mut clips, &mut stage))?;
         }
         Ok(Embedded {
             sh_coeffs,
-            extractor: self.weights,
+            extractor: weights,
             seconds: self.seconds,
             device_seconds: self.device_seconds,
             steps: self.step,
+            clips_made: clips.made(),
             mse: self.mean_mse.unwrap_or(0.0),
         })
     }

@@ -17,6 +17,7 @@ use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
 
 use super::clips::TrainingClip;
 use super::config::EmbedConfig;
+use super::pool::ClipPool;
 use crate::error::EngineError;
 use crate::render::{OffsetBases, Offsets, Renderer};
 use crate::scene::Model;
@@ -36,7 +37,7 @@ const NUM_VALUES: usize = 4;
 pub(super) struct Stage {
     pub(super) renderer: Renderer,
     pub(super) resize: ResizePlan,
-    resize_scratch: Buffer<f32>,
+    pub(super) resize_scratch: Buffer<f32>,
     pub(super) background: [f32; 3],
     pub(super) num_splats: usize,
     sh_degree: u32,
@@ -47,12 +48,11 @@ pub(super) struct Stage {
     pub(super) offsets_state: AdamState,
     v_offsets: Buffer<f32>,
     penalty_sums: SumScratch,
-    raw: Buffer<f32>,
+    pub(super) raw: Buffer<f32>,
     marked: Buffer<f32>,
     v_marked: Buffer<f32>,
     v_raw: Buffer<f32>,
     pub(super) resized: Buffer<f32>,
-    noisy: Buffer<f32>,
     pub(super) noisy_resized: Buffer<f32>,
 }
 
@@ -82,7 +82,6 @@ impl Stage {
             v_marked: full("v_marked")?,
             v_raw: full("v_raw")?,
             resized: small("resized")?,
-            noisy: full("noisy")?,
             noisy_resized: small("noisy_resized")?,
         })
     }
@@ -98,10 +97,10 @@ impl Stage {
 
     /// The noisy control at CLIP's size, rounded before it is resized, in `self.noisy_resized`.
     pub(super) fn noisy(&mut self, rec: &mut Recorder, clip: &TrainingClip, noise: &Noise) -> Result<(), KernelError> {
-        // `v_raw` is free until the backward pass.
+        // `v_raw` is free until the backward pass, `marked` once it is resized and compared.
         noise::forward(rec, noise, &clip.reference, &mut self.v_raw)?;
-        quantize::forward(rec, &self.v_raw, &mut self.noisy)?;
-        resize::forward(rec, &self.resize, &self.noisy, &mut self.noisy_resized, &mut self.resize_scratch)
+        quantize::forward(rec, &self.v_raw, &mut self.marked)?;
+        resize::forward(rec, &self.resize, &self.marked, &mut self.noisy_resized, &mut self.resize_scratch)
     }
 }
 
@@ -173,7 +172,8 @@ pub(super) struct Critic {
     report: Buffer<f32>,
     scratch_logits: Buffer<f32>,
     sums: SumScratch,
-    similarity: SsimScratch,
+    /// Working memory for SSIM, when it is part of the loss.
+    similarity: Option<SsimScratch>,
 }
 
 /// Logits of one clip and their loss.
@@ -210,7 +210,10 @@ impl Critic {
             report: device.readback("critic.report", reported)?,
             scratch_logits: device.buffer("critic.scratch_logits", CLIP_FRAMES * bits.len())?,
             sums: SumScratch::new(device, CLIP_FRAMES * size.height * size.width)?,
-            similarity: SsimScratch::new(device, size, CLIP_FRAMES)?,
+            similarity: match config.uses_ssim() {
+                true => Some(SsimScratch::new(device, size, CLIP_FRAMES)?),
+                false => None,
+            },
             objective: match config.margin {
                 margin if margin > 0.0 => Objective::Margin { margin },
                 _ => Objective::Bce,
@@ -266,11 +269,11 @@ impl Critic {
         let weights = PixelWeights { square: 0.0, absolute: 1.0 - config.lambda_ssim };
         let term = Term { values, slot: MSE, weight: config.lambda_recon, accumulate: Accumulate::Overwrite };
         pixel::step(rec, (&pair, weights), &mut stage.v_marked, term, &mut self.sums)?;
-        if let Some(moments) = &clip.moments {
+        if let (Some(moments), Some(scratch)) = (&clip.moments, &mut self.similarity) {
             let pair = SsimPair { clip: &stage.marked, reference: &clip.reference, moments };
             let weight = config.lambda_recon * config.lambda_ssim;
             let term = Term { values, slot: DISSIMILARITY, weight, accumulate: Accumulate::Add };
-            ssim::step(rec, &pair, &mut stage.v_marked, term, &mut self.similarity)?;
+            ssim::step(rec, &pair, &mut stage.v_marked, term, scratch)?;
         }
         Ok(())
     }
@@ -400,15 +403,17 @@ impl Critic {
         &mut self,
         device: &Device,
         stage: &mut Stage,
-        clips: &[TrainingClip],
+        pool: &mut ClipPool,
         config: &EmbedConfig,
     ) -> Result<HeldOutReport, EngineError> {
         let (len, at) = (self.branches[0].logits.len(), NUM_VALUES + self.branches.len());
         let (mut squares, mut marked, mut unmarked) = (0.0, Vec::new(), Vec::new());
-        for clip in clips {
+        let clips = pool.held_out();
+        for index in clips.clone() {
+            let clip = pool.get(index, stage)?;
             let mut rec = device.recorder()?;
-            stage.render(&mut rec, clip)?;
-            self.fidelity(&mut rec, stage, clip, config)?;
+            stage.render(&mut rec, &clip)?;
+            self.fidelity(&mut rec, stage, &clip, config)?;
             let all = [&stage.resized, &clip.resized];
             self.features.forward(&mut rec, &all[..self.branches.len()])?;
             self.decoder.forward(&mut rec, self.features.features(), &mut self.pass)?;

@@ -1,0 +1,106 @@
+//! What an embedding will take, found by preparing a few of its clips and taking a few of its steps.
+
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::pool::ClipPool;
+use super::{EmbedConfig, Embedding, Start, Subject};
+use crate::error::EngineError;
+
+/// Training clips that are made to learn what a clip takes; views differ by some percent.
+const SAMPLED_CLIPS: usize = 8;
+/// Steps that are timed, after one in which the driver compiles.
+const TIMED_STEPS: usize = 2;
+/// Forward passes of the extractor by which the work of a fit is counted: for each clip, for each random field, and for
+/// each of the clips that set the zero.
+const PASSES_PER_CLIP: usize = 1;
+const PASSES_PER_RESPONSE: usize = super::fit::CLIPS_PER_RESPONSE;
+const PASSES_PER_ZERO: usize = 2;
+
+/// Memory and time of an embedding, before it is done.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Estimate {
+    /// Splats.
+    pub splats: usize,
+    /// Clips, those that are only measured among them.
+    pub clips: usize,
+    /// Clips that were made to estimate the others from.
+    pub sampled_clips: usize,
+    /// Mean bytes of a clip: frame plans and unmarked frames.
+    pub clip_bytes: u64,
+    /// Bytes of everything else at its peak.
+    pub resident_bytes: u64,
+    /// Most bytes taken from the driver at one time.
+    pub peak_memory_bytes: u64,
+    /// Bytes that may be taken from the driver, if there is a limit.
+    pub budget_bytes: Option<u64>,
+    /// Clips that are in memory at one time; the others are made again when their turn comes.
+    pub clips_in_memory: usize,
+    /// Seconds for planning, those for making clips again among them.
+    pub plan_seconds: f64,
+    /// Seconds for fitting the extractor.
+    pub fit_seconds: f64,
+    /// Seconds for all steps, held-out measurements among them.
+    pub train_seconds: f64,
+}
+
+impl Estimate {
+    /// Prepares a sample and extrapolates: memory in proportion to the number of clips, time also to steps and random
+    /// fields. The times suppose that nothing else keeps the device busy.
+    ///
+    /// # Errors
+    /// As [`Embedding::prepare`], also when the sample does not fit into the memory budget.
+    pub fn of(subject: Subject<'_>, config: &EmbedConfig) -> Result<Self, EngineError> {
+        config.validate_for(subject.key.bits())?;
+        let device = subject.device;
+        let budget = device.memory_budget();
+        let before = device.memory_use();
+        let few = EmbedConfig { responses: subject.key.bits(), ..config.clone() };
+        let mut pool = ClipPool::draw(&subject, &few)?;
+        let clips = pool.len();
+        pool.thin_out(SAMPLED_CLIPS);
+        let sampled = pool.len();
+        let mut embedding = Embedding::prepare_on(subject, few.clone(), Start::Fit, pool)?;
+        let mut timed = 0.0;
+        for step in 0..(1 + TIMED_STEPS).min(config.steps) {
+            let started = Instant::now();
+            embedding.step()?;
+            timed += if step == 0 { 0.0 } else { started.elapsed().as_secs_f64() };
+        }
+        let started = Instant::now();
+        embedding.held_out()?;
+        let measuring = started.elapsed().as_secs_f64();
+
+        let (used, kept) = (device.memory_use(), embedding.clips.bytes());
+        let clip_bytes = kept / embedding.clips.in_memory().max(1) as u64;
+        // Other buffers of this device, such as CLIP's weights, are part of it.
+        let resident_bytes = used.peak_reserved_bytes.max(before.peak_reserved_bytes) - kept;
+        let all = resident_bytes + clip_bytes * clips as u64;
+        let room = budget.map_or(u64::MAX, |bytes| bytes.saturating_sub(resident_bytes));
+        let in_memory = usize::try_from(room / clip_bytes.max(1)).unwrap_or(usize::MAX).clamp(1, clips);
+        let missed = 1.0 - in_memory as f64 / clips as f64;
+        let per_clip = embedding.seconds["plan"] / sampled as f64;
+        let passes = |config: &EmbedConfig, clips: usize| {
+            let zero = PASSES_PER_ZERO * clips.min(super::fit::ZERO_CLIPS);
+            (PASSES_PER_CLIP * clips + PASSES_PER_RESPONSE * config.responses + zero) as f64
+        };
+        let fitted = passes(config, config.views as usize);
+        // Each of these asks for a clip, and so does each step.
+        let asked = fitted + config.steps as f64;
+        let measured = if config.held_out_every > 0 { config.steps.div_ceil(config.held_out_every) } else { 0 };
+        Ok(Self {
+            splats: subject.model.gaussians.len(),
+            clips,
+            sampled_clips: sampled,
+            clip_bytes,
+            resident_bytes,
+            peak_memory_bytes: budget.map_or(all, |bytes| all.min(bytes)),
+            budget_bytes: budget,
+            clips_in_memory: in_memory,
+            plan_seconds: per_clip * (clips as f64 + missed * asked),
+            fit_seconds: embedding.seconds["fit"] * fitted / passes(&few, embedding.clips.training().len()),
+            train_seconds: timed / TIMED_STEPS as f64 * config.steps as f64 + measuring * measured as f64,
+        })
+    }
+}

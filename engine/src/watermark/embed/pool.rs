@@ -1,0 +1,160 @@
+//! The clips of an embedding, as many of them at a time as memory has room for.
+//!
+//! A clip is constant, so that one that had to go is the same to the bit when it is made again: a budget costs time and
+//! changes no result.
+
+use std::sync::Arc;
+
+use guard4d_kernels::KernelError;
+use rand_chacha::rand_core::Rng;
+
+use super::Subject;
+use super::clips::{ClipBuilder, TrainingClip, shots};
+use super::config::EmbedConfig;
+use super::step::Stage;
+use crate::error::EngineError;
+use crate::scene::Camera;
+use crate::watermark::prf::Purpose as Stream;
+
+/// Clips that are measured and never trained on; two keep a measurement every 25 steps below 5 % of the time.
+const HELD_OUT_CLIPS: u32 = 2;
+
+/// All clips of an embedding by number: first those that steps are taken on, then those that none is taken on.
+pub(super) struct ClipPool {
+    /// Camera and time of each frame of each clip.
+    shots: Vec<Vec<(Camera, f32)>>,
+    num_training: usize,
+    builder: ClipBuilder,
+    kept: Kept,
+    made: usize,
+}
+
+/// Clips that are in memory, the least recently used first.
+#[derive(Default)]
+struct Kept(Vec<(usize, Arc<TrainingClip>)>);
+
+impl Kept {
+    fn take(&mut self, index: usize) -> Option<Arc<TrainingClip>> {
+        let at = self.0.iter().position(|(i, _)| *i == index)?;
+        Some(self.0.remove(at).1)
+    }
+
+    /// Does `work`; as long as it breaks the memory budget, a clip goes and it is tried again.
+    fn with_room<T>(&mut self, mut work: impl FnMut() -> Result<T, EngineError>) -> Result<T, EngineError> {
+        loop {
+            match work() {
+                Err(EngineError::Kernel(KernelError::OverBudget { .. })) if !self.0.is_empty() => {
+                    self.0.remove(0);
+                }
+                done => return done,
+            }
+        }
+    }
+}
+
+impl ClipPool {
+    /// Draws random views over the whole motion. The held-out ones have a random stream of their own, so that the others
+    /// are the same with and without them.
+    pub(super) fn draw(subject: &Subject<'_>, config: &EmbedConfig) -> Result<Self, EngineError> {
+        let prf = subject.key.prf();
+        let mut rng = prf.stream(Stream::Views, config.seed);
+        let mut drawn = shots(config, (config.views, config.seed), &mut rng)?;
+        let num_training = drawn.len();
+        if config.held_out_every > 0 {
+            let mut rng = prf.stream(Stream::HeldOutViews, config.seed);
+            let cameras = (HELD_OUT_CLIPS, rng.next_u64());
+            drawn.extend(shots(config, cameras, &mut rng)?);
+        }
+        let builder = ClipBuilder::new(subject.device, subject.model, config)?;
+        Ok(Self { shots: drawn, num_training, builder, kept: Kept::default(), made: 0 })
+    }
+
+    /// Leaves out training clips until at most `most` are there, evenly.
+    pub(super) fn thin_out(&mut self, most: usize) {
+        let (all, most) = (self.num_training, most.min(self.num_training));
+        let held_out = self.shots.split_off(all);
+        let mut index = 0;
+        self.shots.retain(|_| {
+            index += 1;
+            index * most / all > (index - 1) * most / all
+        });
+        self.num_training = self.shots.len();
+        self.shots.extend(held_out);
+    }
+
+    /// Number of clips.
+    pub(super) fn len(&self) -> usize {
+        self.shots.len()
+    }
+
+    /// Number of clips that are in memory.
+    pub(super) fn in_memory(&self) -> usize {
+        self.kept.0.len()
+    }
+
+    /// Device bytes of the clips that are in memory.
+    pub(super) fn bytes(&self) -> u64 {
+        self.kept.0.iter().map(|(_, clip)| clip.bytes()).sum()
+    }
+
+    /// Makes clips until all are there or memory is full.
+    pub(super) fn fill(&mut self, stage: &mut Stage) -> Result<(), EngineError> {
+        for index in 0..self.shots.len() {
+            self.get(index, stage)?;
+            if self.kept.0.len() <= index {
+                break;
+            }
+        }
+        self.builder.forget_times();
+        tracing::debug!(kept = self.kept.0.len(), of = self.shots.len(), "clips planned");
+        Ok(())
+    }
+
+    /// One clip, made if it is not there.
+    pub(super) fn get(&mut self, index: usize, stage: &mut Stage) -> Result<Arc<TrainingClip>, EngineError> {
+        let clip = match self.kept.take(index) {
+            Some(clip) => clip,
+            None => {
+                let Self { shots, num_training, builder, kept, .. } = self;
+                let built = kept.with_room(|| builder.build(&shots[index], stage, index < *num_training))?;
+                self.made += 1;
+                Arc::new(built)
+            }
+        };
+        self.kept.0.push((index, Arc::clone(&clip)));
+        Ok(clip)
+    }
+
+    /// Does work that takes memory to stay; clips make room for it.
+    pub(super) fn with_room<T>(&mut self, work: impl FnMut() -> Result<T, EngineError>) -> Result<T, EngineError> {
+        self.kept.with_room(work)
+    }
+
+    /// Numbers of the clips that steps are taken on.
+    pub(super) fn training(&self) -> std::ops::Range<usize> {
+        0..self.num_training
+    }
+
+    /// The same, those first that are in memory: the others push them out.
+    pub(super) fn training_at_hand_first(&self) -> Vec<usize> {
+        let is_kept = |index: &usize| self.kept.0.iter().any(|(i, _)| i == index);
+        let (mut first, rest): (Vec<_>, Vec<_>) = self.training().partition(is_kept);
+        first.extend(rest);
+        first
+    }
+
+    /// Numbers of the clips that are measured and that no step is taken on; none when nobody asks for it.
+    pub(super) fn held_out(&self) -> std::ops::Range<usize> {
+        self.num_training..self.shots.len()
+    }
+
+    /// Cameras and times of some clips.
+    pub(super) fn shots(&self, clips: std::ops::Range<usize>) -> impl Iterator<Item = &[(Camera, f32)]> {
+        self.shots[clips].iter().map(Vec::as_slice)
+    }
+
+    /// Clips made so far, those made again among them.
+    pub(super) fn made(&self) -> usize {
+        self.made
+    }
+}
