@@ -1,15 +1,73 @@
-//! The image tower of the mini CLIP, forward and back to the pixels.
+//! Image towers, forward and back to the pixels: of the mini CLIP, and of one that is as large as ViT-B/32.
 
-use guard4d_engine::clip::{Clip, ClipSource, Purpose};
+use std::path::PathBuf;
+
+use guard4d_engine::EngineError;
+use guard4d_engine::clip::{Clip, ClipConfig, ClipSource, Purpose, TextConfig};
+use guard4d_engine::tensor_file::{Tensor, TensorFile};
+use guard4d_kernels::Device;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
 
 use crate::Outcome;
 use crate::harness::{Bench, Work};
 
 /// Three clips of eight frames: the branches of one step in `joint`.
-const IMAGES: usize = 24;
+const MINI_IMAGES: usize = 24;
+/// One clip.
+const LARGE_IMAGES: usize = 8;
+const LARGE: &str = "ViT-B/32";
+const SEED: u64 = 1;
 
 pub(crate) fn measure(bench: &mut Bench) -> Outcome {
-    let clip = Clip::load(&bench.device, &ClipSource::Mini)?;
+    tower(bench, "mini", MINI_IMAGES, |device| Clip::load(device, &ClipSource::Mini))?;
+    tower(bench, LARGE, LARGE_IMAGES, random)
+}
+
+/// A checkpoint with the image tower of ViT-B/32, whose sizes are the defaults, and hardly any text tower. Random weights
+/// of the usual size take as long as trained ones.
+fn random(device: &Device) -> Result<Clip, EngineError> {
+    let text_config = TextConfig {
+        vocab_size: 16,
+        hidden_size: 8,
+        intermediate_size: 8,
+        num_hidden_layers: 1,
+        num_attention_heads: 1,
+        ..TextConfig::default()
+    };
+    let config = serde_json::json!({ "text_config": text_config }).to_string();
+    let path = PathBuf::from(LARGE);
+    let sizes = ClipConfig::from_json(&path, config.as_bytes())?;
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let mut tensor = |name: &str, shape: &[usize]| {
+        let inputs = shape.iter().skip(1).product::<usize>();
+        // Matrices keep the length of what they multiply; norms, of one axis, scale by about one.
+        let (centre, width) = match shape.len() {
+            0 | 1 if name.ends_with("weight") => (1.0, 0.1),
+            0 | 1 => (0.0, 0.1),
+            _ => (0.0, (3.0 / inputs as f32).sqrt()),
+        };
+        let mut value = || centre + width * ((rng.next_u32() >> 8) as f32 / (1 << 23) as f32 - 1.0);
+        Tensor::f32(shape, (0..shape.iter().product()).map(|_| value()).collect())
+    };
+    let tensors = sizes.tensors();
+    let tensors = tensors.iter().map(|(name, shape)| (name.clone(), tensor(name, shape))).collect();
+    let weights = TensorFile { path, tensors, ..TensorFile::default() }.to_bytes()?;
+    Clip::load(device, &ClipSource::Bytes { config: config.as_bytes(), weights: &weights })
+}
+
+/// Rows of one tower; its weights are made only if a row is wanted.
+fn tower(
+    bench: &mut Bench,
+    label: &str,
+    images: usize,
+    load: impl Fn(&Device) -> Result<Clip, EngineError>,
+) -> Outcome {
+    let [forward, both] = ["forward", "forward and backward"].map(|way| format!("clip/{label} {way} {images} images"));
+    if !bench.wants(&forward) && !bench.wants(&both) {
+        return Ok(());
+    }
+    let clip = load(&bench.device)?;
     let tower = clip.vision(Purpose::InputGradient)?;
     let config = &clip.config().vision_config;
     let [side, patch, width, inner, layers] =
@@ -17,19 +75,17 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
     let (patches, tokens) = ((side / patch).pow(2), config.tokens());
     let layer = tokens * (8 * width * width + 4 * width * inner) + 4 * tokens * tokens * width;
     let ends = patches * 6 * patch * patch * width + 2 * width * clip.config().projection_dim;
-    let flops = (IMAGES * (layers * layer + ends)) as f64;
+    let flops = (images * (layers * layer + ends)) as f64;
 
-    let pixels = bench.data("pixels", IMAGES * side * side * 4)?;
-    let v_features = bench.data("v_features", IMAGES * clip.config().projection_dim)?;
+    let pixels = bench.data("pixels", images * side * side * 4)?;
+    let v_features = bench.data("v_features", images * clip.config().projection_dim)?;
     let mut v_pixels = bench.device.buffer("v_pixels", pixels.len())?;
-    let mut workspace = tower.workspace(IMAGES)?;
+    let mut workspace = tower.workspace(images)?;
     let formula = "b·(L·(t·(8w²+4wm)+4t²w) + p·6s²w + 2wd)";
-    bench.passes(&format!("clip/mini forward {IMAGES} images"), Work::Flops(flops, formula), |rec| {
-        tower.forward(rec, &pixels, &mut workspace)
-    })?;
+    bench.passes(&forward, Work::Flops(flops, formula), |rec| tower.forward(rec, &pixels, &mut workspace))?;
     let formula = "2·b·(L·(t·(8w²+4wm)+4t²w) + p·6s²w + 2wd)";
     let work = Work::Flops(2.0 * flops, formula);
-    bench.passes(&format!("clip/mini forward and backward {IMAGES} images"), work, |rec| {
+    bench.passes(&both, work, |rec| {
         tower.forward(rec, &pixels, &mut workspace)?;
         tower.backward(rec, &v_features, &mut workspace, &mut v_pixels)
     })

@@ -1,6 +1,7 @@
 //! One step of the embedding, by the clock on the wall: what a user waits for.
 
 use std::cell::OnceCell;
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use guard4d_engine::EngineError;
@@ -60,20 +61,24 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
     };
     for mode in [ExtractorMode::None, ExtractorMode::Blind, ExtractorMode::Joint] {
         for side in [200, 400] {
-            let mut embedding = None;
-            bench.samples(
-                &format!("embed/step demo scene, {mode}, 8x{side}x{side}, wall clock"),
-                Work::Mixed,
-                || {
-                    let embedding = match &mut embedding {
-                        Some(embedding) => embedding,
-                        None => embedding.insert(prepare(mode, side)?),
-                    };
-                    let started = Instant::now();
-                    embedding.step()?;
-                    Ok(started.elapsed())
-                },
-            )?;
+            let name = format!("embed/step demo scene, {mode}, 8x{side}x{side}, wall clock");
+            // Device seconds before the first step that counts, and after the last.
+            let (mut embedding, mut before, mut after, mut steps) = (None, None, BTreeMap::new(), 0.0);
+            let row = bench.samples(&name, Work::Mixed, || {
+                let embedding = match &mut embedding {
+                    Some(embedding) => embedding,
+                    None => embedding.insert(prepare(mode, side)?),
+                };
+                let started = Instant::now();
+                embedding.step()?;
+                let elapsed = started.elapsed();
+                after = embedding.part_seconds();
+                steps = (embedding.step_number() - 1) as f64;
+                before.get_or_insert_with(|| after.clone());
+                Ok(elapsed)
+            })?;
+            let (Some(row), Some(before)) = (row, before) else { continue };
+            row.stages = after.into_iter().map(|(part, seconds)| (part, (seconds - before[&part]) / steps)).collect();
         }
     }
     Ok(())

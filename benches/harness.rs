@@ -3,9 +3,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
+use cpu_time::ProcessTime;
 use criterion::Criterion;
 use guard4d_engine::EngineError;
+use guard4d_engine::watermark::embed::StepPart;
+use guard4d_kernels::vk::DeviceKind;
 use guard4d_kernels::{Buffer, Device, DeviceSelect, KernelError, Recorder, Timings};
+
+use crate::stats::Quartiles;
 
 /// Samples of one row; criterion's least.
 pub(crate) const SAMPLES: usize = 10;
@@ -28,26 +33,42 @@ pub(crate) enum Work {
 pub(crate) struct Row {
     pub(crate) name: String,
     pub(crate) work: Work,
-    /// Seconds of each run.
-    pub(crate) samples: Vec<f64>,
+    /// Seconds of each run by the device's clock, or by the one on the wall where the name says so.
+    pub(crate) seconds: Vec<f64>,
+    /// CPU seconds of each run, over all threads of this process; a software driver's are among them.
+    pub(crate) core_seconds: Vec<f64>,
     /// Mean seconds of a run by kernel; empty where the clock on the wall was read.
     pub(crate) split: BTreeMap<&'static str, f64>,
+    /// Mean device seconds of an embedding step by part.
+    pub(crate) stages: BTreeMap<StepPart, f64>,
+    /// Axis of a fit and place on it.
+    pub(crate) scale: Option<(&'static str, f64)>,
 }
 
 impl Row {
-    /// Median of the samples in seconds.
-    pub(crate) fn median(&self) -> f64 {
-        let mut sorted = self.samples.clone();
-        sorted.sort_by(f64::total_cmp);
-        sorted[sorted.len() / 2]
+    pub(crate) fn time(&self) -> Quartiles {
+        Quartiles::of(&self.seconds)
+    }
+
+    pub(crate) fn core_time(&self) -> Quartiles {
+        Quartiles::of(&self.core_seconds)
+    }
+
+    fn work(&self) -> Option<f64> {
+        match self.work {
+            Work::Flops(work, _) | Work::Bytes(work, _) => Some(work),
+            Work::Mixed => None,
+        }
     }
 
     /// Operations or bytes per second.
     pub(crate) fn rate(&self) -> Option<f64> {
-        match self.work {
-            Work::Flops(work, _) | Work::Bytes(work, _) => Some(work / self.median()),
-            Work::Mixed => None,
-        }
+        self.work().map(|work| work / self.time().median)
+    }
+
+    /// Operations or bytes per CPU second.
+    pub(crate) fn core_rate(&self) -> Option<f64> {
+        self.work().map(|work| work / self.core_time().median)
     }
 }
 
@@ -58,35 +79,39 @@ pub(crate) struct Bench {
     pub(crate) rows: Vec<Row>,
     /// Kernels that ran in some row with timestamps.
     kernels: BTreeSet<&'static str>,
-    /// Rows that the command line left out or cut short.
-    pub(crate) partial: usize,
+    /// What a row's name must contain.
+    filter: Option<String>,
     /// Load of the machine before the first row.
     pub(crate) load: String,
 }
 
 impl Bench {
-    /// Opens the device that `GUARD4D_DEVICE` names.
-    pub(crate) fn open() -> Result<Self, EngineError> {
-        let wanted = std::env::var("GUARD4D_DEVICE").unwrap_or_else(|_| "auto".to_owned());
-        let select: DeviceSelect = wanted.parse().map_err(|e: String| EngineError::Usage {
-            what: "GUARD4D_DEVICE".to_owned(),
-            got: wanted,
-            expected: e,
-        })?;
-        let criterion = Criterion::default()
-            .sample_size(SAMPLES)
-            .warm_up_time(WARM_UP)
-            .measurement_time(MEASUREMENT)
-            .configure_from_args();
-        let load = crate::host::load();
+    /// Opens the device under test.
+    pub(crate) fn open(select: &DeviceSelect, filter: Option<String>) -> Result<Self, EngineError> {
+        let criterion = Criterion::default().sample_size(SAMPLES).warm_up_time(WARM_UP).measurement_time(MEASUREMENT);
         Ok(Self {
-            device: Device::open(&select)?,
+            device: Device::open(select)?,
             criterion,
             rows: Vec::new(),
             kernels: BTreeSet::new(),
-            partial: 0,
-            load,
+            filter,
+            load: crate::host::load(),
         })
+    }
+
+    /// Whether the command line leaves rows out.
+    pub(crate) fn is_partial(&self) -> bool {
+        self.filter.is_some()
+    }
+
+    /// Whether the command line asks for a row; what only serves others need not be prepared.
+    pub(crate) fn wants(&self, name: &str) -> bool {
+        self.filter.as_ref().is_none_or(|part| name.contains(part))
+    }
+
+    /// Whether the device computes on this processor, so that CPU time says what it did.
+    pub(crate) fn is_cpu(&self) -> bool {
+        self.device.info().kind == DeviceKind::Cpu
     }
 
     /// Values between 0 and 1 without a pattern that a cache or a branch predictor could learn.
@@ -118,7 +143,7 @@ impl Bench {
         mut once: impl FnMut() -> Result<Timings, EngineError>,
     ) -> Result<(), EngineError> {
         let (mut runs, mut split) = (0, BTreeMap::<_, f64>::new());
-        self.samples(name, work, || {
+        let row = self.samples(name, work, || {
             let timings = once()?;
             for pass in &timings.passes {
                 // Of the first run, which is thrown away, only the names count.
@@ -128,28 +153,31 @@ impl Bench {
             runs += 1;
             Ok(kernel_time(&timings))
         })?;
+        let Some(row) = row else { return Ok(()) };
+        let mean = |(&kernel, seconds): (&&'static str, &f64)| (kernel, seconds / f64::from(runs - 1));
+        row.split = split.iter().map(mean).collect();
         self.kernels.extend(split.keys());
-        if let Some(row) = self.rows.last_mut().filter(|row| row.name == name) {
-            row.split = split.into_iter().map(|(kernel, seconds)| (kernel, seconds / f64::from(runs - 1))).collect();
-        }
         Ok(())
     }
 
     /// Kernels of the registry that no row ran, so that none is forgotten; nobody can tell after a part only.
     pub(crate) fn unmeasured(&self) -> Vec<&'static str> {
         let all = guard4d_kernels::registry::ALL.iter().map(|kernel| kernel.name);
-        all.filter(|name| self.partial == 0 && !self.kernels.contains(name)).collect()
+        all.filter(|name| !self.is_partial() && !self.kernels.contains(name)).collect()
     }
 
-    /// Times that `once` returns. The first one, in which the driver compiles, is thrown away; a row that the command
-    /// line left out is never run.
+    /// Times that `once` returns, and the CPU time that it takes. The first one, in which the driver compiles, is
+    /// thrown away; a row that the command line left out is never run and is `None`.
     pub(crate) fn samples(
         &mut self,
         name: &str,
         work: Work,
         mut once: impl FnMut() -> Result<Duration, EngineError>,
-    ) -> Result<(), EngineError> {
-        let (mut samples, mut is_warm) = (Vec::new(), false);
+    ) -> Result<Option<&mut Row>, EngineError> {
+        if !self.wants(name) {
+            return Ok(None);
+        }
+        let (mut seconds, mut core_seconds, mut is_warm) = (Vec::new(), Vec::new(), false);
         let mut failure = None;
         self.criterion.bench_function(name, |b| {
             b.iter_custom(|iterations| {
@@ -157,10 +185,16 @@ impl Bench {
                 let discarded = u64::from(!is_warm);
                 is_warm = true;
                 for run in 0..iterations + discarded {
+                    // After a failure there is nothing to wait for, but criterion must be told some time.
+                    if failure.is_some() {
+                        break;
+                    }
+                    let busy = ProcessTime::now();
                     match once() {
                         Ok(_) if run < discarded => {}
                         Ok(time) => {
-                            samples.push(time.as_secs_f64());
+                            core_seconds.push(busy.elapsed().as_secs_f64());
+                            seconds.push(time.as_secs_f64());
                             total += time;
                         }
                         Err(error) => failure = Some(error),
@@ -173,18 +207,15 @@ impl Bench {
         if let Some(error) = failure {
             return Err(error);
         }
-        if samples.len() < SAMPLES {
-            self.partial += 1;
-        } else {
-            self.rows.push(Row { name: name.to_owned(), work, samples, split: BTreeMap::new() });
-        }
-        Ok(())
+        let name = name.to_owned();
+        let (split, stages) = (BTreeMap::new(), BTreeMap::new());
+        self.rows.push(Row { name, work, seconds, core_seconds, split, stages, scale: None });
+        Ok(self.rows.last_mut())
     }
 
-    /// Best rate of the rows whose names begin with `prefix`.
-    pub(crate) fn peak(&self, prefix: &str) -> Option<f64> {
-        let rates = self.rows.iter().filter(|r| r.name.starts_with(prefix)).filter_map(Row::rate);
-        rates.max_by(f64::total_cmp)
+    /// Best rate of the rows whose names begin with `prefix`, by their clock or by CPU time.
+    pub(crate) fn peak(&self, prefix: &str, rate: impl Fn(&Row) -> Option<f64>) -> Option<f64> {
+        self.rows.iter().filter(|r| r.name.starts_with(prefix)).filter_map(rate).max_by(f64::total_cmp)
     }
 }
 

@@ -1,10 +1,13 @@
-//! Benchmarks of the kernels and of the embedding step, in device time.
+//! Benchmarks of the kernels and of the embedding step, in device time and CPU time.
 //!
-//! `./x bench` runs all and writes `benches/results/<date>-<device>/`; arguments choose rows by name and write nothing.
+//! `./x bench` runs all quick rows and writes `benches/results/<date>-<device>/`; `./x bench --compare A B` sets two such
+//! folders side by side.
 
 #![allow(clippy::cast_possible_truncation, reason = "test data is made of small numbers")]
 
+mod chart;
 mod clip;
+mod compare;
 mod embed;
 mod harness;
 mod host;
@@ -14,17 +17,57 @@ mod nn;
 mod optim;
 mod probe;
 mod report;
+mod scaling;
 mod scan;
+mod scene;
 mod splat;
+mod stats;
+mod svg;
+mod target;
 
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use clap::Parser;
 use guard4d_engine::EngineError;
+use guard4d_kernels::DeviceSelect;
 
 type Outcome = Result<(), EngineError>;
 
+/// Measures kernels, CLIP's image tower and embedding steps. Paths are relative to the repository.
+#[derive(Debug, Parser)]
+#[command(name = "./x bench")]
+struct Args {
+    /// Only rows whose names contain this
+    filter: Option<String>,
+    /// Also fit how the cost grows with views, frames and splats
+    #[arg(long)]
+    full: bool,
+    /// Measure nothing: print ratios of two results folders, B to A, and flag what became slower
+    #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with_all = ["filter", "full", "out"])]
+    compare: Vec<PathBuf>,
+    /// Folder for table, summary and chart [default: benches/results/DATE-DEVICE, and none for a part of the rows]
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Vulkan device, as in `guard4d --help`
+    #[arg(long, default_value = "auto", env = "GUARD4D_DEVICE")]
+    device: DeviceSelect,
+    /// Given by cargo
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+impl Args {
+    /// What makes the same rows again.
+    fn command(&self) -> String {
+        let full = if self.full { " --full" } else { "" };
+        let filter = self.filter.as_ref().map(|part| format!(" '{part}'")).unwrap_or_default();
+        format!("./x bench{full}{filter}")
+    }
+}
+
 fn main() -> ExitCode {
-    match run() {
+    match run(&Args::parse()) {
         Ok(missing) if missing.is_empty() => ExitCode::SUCCESS,
         Ok(missing) => {
             eprintln!("no row runs these kernels: {}", missing.join(", "));
@@ -37,9 +80,13 @@ fn main() -> ExitCode {
     }
 }
 
-/// Measures, writes the report and returns the kernels that no row runs.
-fn run() -> Result<Vec<&'static str>, EngineError> {
-    let mut bench = harness::Bench::open()?;
+/// Measures, writes the report and returns the kernels that no row runs. How fast anything was makes no failure.
+fn run(args: &Args) -> Result<Vec<&'static str>, EngineError> {
+    if let [a, b] = args.compare.as_slice() {
+        print!("{}", compare::table(&entries(a)?, &entries(b)?));
+        return Ok(Vec::new());
+    }
+    let mut bench = harness::Bench::open(&args.device, args.filter.clone())?;
     for family in [
         probe::measure,
         nn::measure,
@@ -53,6 +100,21 @@ fn run() -> Result<Vec<&'static str>, EngineError> {
     ] {
         family(&mut bench)?;
     }
-    report::write(&bench)?;
+    if args.full {
+        scaling::measure(&mut bench)?;
+    }
+    report::write(&bench, args)?;
     Ok(bench.unmeasured())
+}
+
+/// Rows of a results folder.
+fn entries(folder: &Path) -> Result<Vec<compare::Entry>, EngineError> {
+    let path = folder.join("results.csv");
+    let text = std::fs::read_to_string(&path).map_err(|source| EngineError::Io { path: path.clone(), source })?;
+    compare::parse(&text).map_err(|compare::Malformed { line, got, expected }| EngineError::BadData {
+        path,
+        field: format!("line {line}"),
+        got,
+        expected,
+    })
 }

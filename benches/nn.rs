@@ -38,15 +38,21 @@ fn streams(count: usize) -> Work {
     Work::Bytes((count * 4 * ROWS * WIDTH) as f64, formula)
 }
 
+/// The products of a transformer layer of CLIP ViT-B/32 on eight images, and one gradient.
 fn product(bench: &mut Bench) -> Outcome {
-    let (m, k, n) = (400, 768, 2304);
-    let a = bench.data("a", m * k)?;
-    let weight = PackedWeight::new(&bench.device, "w", &vec![0.01; n * k], n, k)?;
-    let mut c = bench.device.buffer("c", m * n)?;
+    let m = 400;
+    for (n, k) in [(768, 768), (2304, 768), (3072, 768), (768, 3072)] {
+        let a = bench.data("a", m * k)?;
+        let weight = PackedWeight::new(&bench.device, "w", &vec![0.01; n * k], n, k)?;
+        let mut c = bench.device.buffer("c", m * n)?;
+        let work = Work::Flops((2 * m * k * n) as f64, "2·m·k·n");
+        bench.passes(&format!("nn/matmul {m}x{k}x{n}"), work, |rec| {
+            matmul::forward(rec, &Product::plain(&a, m, &weight), &mut c)
+        })?;
+    }
+    let (n, k) = (2304, 768);
+    let (a, c) = (bench.data("a", m * k)?, bench.data("c", m * n)?);
     let work = Work::Flops((2 * m * k * n) as f64, "2·m·k·n");
-    bench.passes(&format!("nn/matmul {m}x{k}x{n}"), work, |rec| {
-        matmul::forward(rec, &Product::plain(&a, m, &weight), &mut c)
-    })?;
     let mut scratch = GradScratch::new(&bench.device, "gradient", m, n, k)?;
     let mut v_w = bench.device.buffer("v_w", n * k)?;
     bench.passes(&format!("nn/matmul weight_gradient {m}x{k}x{n}"), work, |rec| {
@@ -166,16 +172,33 @@ fn tokens(bench: &mut Bench) -> Outcome {
     })
 }
 
-fn convolve(bench: &mut Bench) -> Outcome {
-    let conv = Conv3d {
-        shape: ClipShape { frames: 8, height: 64, width: 64 },
-        in_channels: 16,
-        out_channels: 16,
+/// A layer of R on clips of this side.
+fn layer(side: usize, in_channels: usize, out_channels: usize) -> Conv3d {
+    Conv3d {
+        shape: ClipShape { frames: 8, height: side, width: side },
+        in_channels,
+        out_channels,
         time: Padding::Replicate,
         space: Padding::Reflect,
         bias: Bias::None,
         activation: Activation::Relu,
-    };
+    }
+}
+
+/// The layers of R at the size of CLIP's input, and the gradients of one at the size of the mini CLIP's.
+fn convolve(bench: &mut Bench) -> Outcome {
+    for (given, outputs) in [(16, 16), (3, 16), (16, 3)] {
+        // Three channels are stored as four; what the fourth costs is no useful work.
+        let conv = layer(224, usize::next_multiple_of(given, 4), usize::next_multiple_of(outputs, 4));
+        let pixels = conv.shape.pixels();
+        let (x, weight) = (bench.data("x", pixels * conv.in_channels)?, bench.data("weight", conv.weight_len())?);
+        let mut y = bench.device.buffer("y", pixels * conv.out_channels)?;
+        let work = Work::Flops((2 * TAPS * pixels * given * outputs) as f64, "2·27·F·H·W·Ci·Co");
+        bench.passes(&format!("nn/conv3d forward {given}->{outputs}, 8x224x224"), work, |rec| {
+            conv3d::forward(rec, &conv, &x, &weight, &mut y)
+        })?;
+    }
+    let conv = layer(64, 16, 16);
     let pixels = conv.shape.pixels();
     let x = bench.data("x", pixels * conv.in_channels)?;
     let v_y = bench.data("v_y", pixels * conv.out_channels)?;

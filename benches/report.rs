@@ -1,22 +1,33 @@
-//! The table that a run leaves behind.
+//! What a run leaves behind: a table for machines, one for people, and a chart.
 
 use std::fmt::Write;
+use std::path::PathBuf;
 
 use guard4d_engine::output::{AtomicFile, Existing};
+use guard4d_engine::watermark::embed::StepPart;
 
-use crate::Outcome;
+use crate::chart::{self, Bars};
+use crate::compare::{CORE_MS, JUDGED_BY, MS, NAME, QUARTILES};
 use crate::harness::{Bench, Row, SAMPLES, Work};
 use crate::host::{commit, date, load, processor, results};
-use crate::probe::{ARITHMETIC, MEMORY};
+use crate::probe::{ARITHMETIC, HOST, MEMORY};
+use crate::stats::exponent;
+use crate::target::{self, Figure, Target};
+use crate::{Args, Outcome};
 
-/// Writes `results.csv` and `summary.md`, unless the command line asked for a part only.
-pub(crate) fn write(bench: &Bench) -> Outcome {
-    if bench.partial > 0 || bench.rows.is_empty() {
-        eprintln!("only a part was measured: no report is written");
-        return Ok(());
-    }
-    let folder = results(&bench.device);
-    for (file, text) in [("results.csv", csv(bench)), ("summary.md", summary(bench))] {
+/// Writes `results.csv`, `summary.md` and `shares.svg`. A part of the rows is only written where the command line says.
+pub(crate) fn write(bench: &Bench, args: &Args) -> Outcome {
+    let folder: PathBuf = match &args.out {
+        Some(folder) => folder.clone(),
+        None if bench.is_partial() || bench.rows.is_empty() => {
+            eprintln!("only a part was measured: no report is written without --out");
+            return Ok(());
+        }
+        None => results(&bench.device),
+    };
+    for (file, text) in
+        [("results.csv", csv(bench)), ("summary.md", summary(bench, args)), ("shares.svg", shares_chart(bench))]
+    {
         let path = folder.join(file);
         AtomicFile::write(&path, Existing::Replace, text.as_bytes())?;
         eprintln!("{}", path.display());
@@ -24,64 +35,225 @@ pub(crate) fn write(bench: &Bench) -> Outcome {
     Ok(())
 }
 
-/// Rate in giga-units, its unit, the share of the peak and the formula of a row.
-fn columns(bench: &Bench, row: &Row) -> [String; 4] {
-    let (unit, peak, formula) = match row.work {
-        Work::Flops(_, formula) => ("GFLOP/s", bench.peak(ARITHMETIC), formula),
-        Work::Bytes(_, formula) => ("GB/s", bench.peak(MEMORY), formula),
-        Work::Mixed => ("", None, ""),
-    };
-    let rate = row.rate().map(|r| format!("{:.2}", r * 1e-9)).unwrap_or_default();
-    let share = row.rate().zip(peak).map(|(r, p)| format!("{:.1}", 100.0 * r / p)).unwrap_or_default();
-    [rate, unit.to_owned(), share, formula.to_owned()]
+/// Percent of a row's limits; `None` where there is no limit or the clock says nothing about the device.
+struct Shares {
+    /// Of the device's peak, by its clock.
+    device: Option<f64>,
+    /// Of the same peak, both by CPU time.
+    core: Option<f64>,
+    /// Of the FMA peak of one core, by CPU time.
+    fma: Option<f64>,
+}
+
+impl Shares {
+    fn of(bench: &Bench, row: &Row) -> Self {
+        let share = |rate: fn(&Row) -> Option<f64>, limit: &str| {
+            rate(row).zip(bench.peak(limit, rate)).map(|(rate, peak)| 100.0 * rate / peak)
+        };
+        let limit = match row.work {
+            Work::Flops(..) => Some(ARITHMETIC),
+            Work::Bytes(..) => Some(MEMORY),
+            Work::Mixed => None,
+        }
+        // The device has no part in that row.
+        .filter(|_| row.name != HOST);
+        let computes = bench.is_cpu() && matches!(row.work, Work::Flops(..));
+        Self {
+            device: limit.and_then(|limit| share(Row::rate, limit)),
+            core: limit.filter(|_| bench.is_cpu()).and_then(|limit| share(Row::core_rate, limit)),
+            fma: if computes { share(Row::core_rate, HOST) } else { None },
+        }
+    }
+}
+
+/// A number with so many decimals, nothing if there is none.
+fn cell(value: Option<f64>, decimals: usize) -> String {
+    value.map(|v| format!("{v:.decimals$}")).unwrap_or_default()
+}
+
+/// Unit of a row's rate in billions, and the formula of its work.
+fn unit(row: &Row) -> (&'static str, &'static str) {
+    match row.work {
+        Work::Flops(_, formula) => ("GFLOP/s", formula),
+        Work::Bytes(_, formula) => ("GB/s", formula),
+        Work::Mixed => ("", ""),
+    }
+}
+
+fn giga(rate: Option<f64>) -> Option<f64> {
+    rate.map(|r| r * 1e-9)
 }
 
 fn csv(bench: &Bench) -> String {
-    let mut out = "name,median_ms,samples,rate,unit,share_of_peak_percent,work\n".to_owned();
+    let times = [MS, CORE_MS].map(|clock| QUARTILES.map(|end| format!("{clock}{end}")).join(","));
+    let mut out = format!(
+        "{NAME},{},samples,{JUDGED_BY},rate,core_rate,unit,share_percent,core_share_percent,fma_share_percent,work\n",
+        times.join(",")
+    );
+    let judged_by = if bench.is_cpu() { CORE_MS } else { MS };
     for row in &bench.rows {
-        let cells = columns(bench, row).map(|c| format!("\"{c}\"")).join(",");
-        writeln!(out, "\"{}\",{:.4},{},{cells}", row.name, row.median() * 1e3, row.samples.len())
+        let times = [row.time(), row.core_time()]
+            .map(|q| [q.low, q.median, q.high].map(|seconds| format!("{:.5}", seconds * 1e3)).join(","));
+        let Shares { device, core, fma } = Shares::of(bench, row);
+        let shares = [device, core, fma].map(|share| cell(share, 2)).join(",");
+        let rates = [row.rate(), row.core_rate()].map(|rate| cell(giga(rate), 3)).join(",");
+        let (unit, formula) = unit(row);
+        let (name, samples) = (&row.name, row.seconds.len());
+        let times = times.join(",");
+        writeln!(out, "\"{name}\",{times},{samples},{judged_by},{rates},{unit},{shares},\"{formula}\"")
             .expect("a string takes any text");
     }
     out
 }
 
-fn summary(bench: &Bench) -> String {
-    let info = bench.device.info();
-    let (date, commit) = (date(), commit());
-    let layers = if bench.device.is_validated() { "on: wall-clock rows are too slow" } else { "off" };
-    let peak = |prefix| bench.peak(prefix).map_or(0.0, |p| p * 1e-9);
-    let mut out = format!(
-        "# Benchmarks, {date}\n\n\
-         - Device: {}; driver: {}; host: {}\n\
-         - Commit: {commit}; command: `./x bench`; validation layers {layers}\n\
-         - Load average over 1 and 5 minutes: {} before, {} after\n\
-         - Peaks of this run: {:.1} GFLOP/s multiply and add in registers, {:.1} GB/s memory (the better of a device \
-         copy and a kernel of three streams)\n\n\
-         Times are medians of at least {SAMPLES} runs in device time (timestamps around every pass, compilation \
-         excluded), but wall clock where the name says so. Shares compare useful work, counted by the formula, with \
-         the peak of the same run; data that stays in a cache can pass 100 %.\n\n\
-         | what | ms | rate | share of peak | work |\n| --- | ---: | ---: | ---: | --- |\n",
-        info.name,
-        info.driver,
-        processor(),
-        bench.load,
-        load(),
-        peak(ARITHMETIC),
-        peak(MEMORY),
-    );
-    for row in &bench.rows {
-        let [rate, unit, share, formula] = columns(bench, row);
-        let share = if share.is_empty() { share } else { format!("{share} %") };
-        writeln!(out, "| {} | {:.3} | {rate} {unit} | {share} | {formula} |", row.name, row.median() * 1e3)
-            .expect("a string takes any text");
-    }
+fn summary(bench: &Bench, args: &Args) -> String {
+    let mut out = head(bench, args);
+    out.push_str(&targets(bench));
+    out.push_str(&rows(bench));
+    out.push_str(&stages(bench));
+    out.push_str(&fits(bench));
     out.push_str(&split(bench));
     let missing = bench.unmeasured();
     if !missing.is_empty() {
         writeln!(out, "\n**No row runs these kernels**: {}", missing.join(", ")).expect("a string takes any text");
     }
     out
+}
+
+/// The machine, the source, and what the figures mean.
+fn head(bench: &Bench, args: &Args) -> String {
+    let info = bench.device.info();
+    let layers = if bench.device.is_validated() { "on: wall-clock rows are too slow" } else { "off" };
+    let peak = |limit, rate: fn(&Row) -> Option<f64>| {
+        giga(bench.peak(limit, rate)).map_or_else(|| "unknown".to_owned(), |p| format!("{p:.1}"))
+    };
+    format!(
+        "# Benchmarks, {}\n\n\
+         - Device: {}; driver: {}; host: {}\n\
+         - Commit: {}; command: `{}`; validation layers {layers}\n\
+         - Load average over 1 and 5 minutes: {} before, {} after\n\
+         - Peaks of this run on the device: {} GFLOP/s multiply and add in registers, {} GB/s memory (the better of a \
+         device copy and a kernel of three streams); by CPU time {} GFLOP/s and {} GB/s per core\n\
+         - Peak of one core in this process: {} GFLOP/s fused multiply and add in 256-bit registers, by CPU time\n\
+         - Device memory: at most {:.0} MiB in buffers\n\n\
+         Times are medians of at least {SAMPLES} runs; quartiles are in `results.csv`. \"ms\" is device time (timestamps \
+         around every pass, compilation excluded), but wall clock where the name says so. \"core-ms\" is CPU time of \
+         this process over all threads, recording and waiting included: on a device that is this processor the figure \
+         that other jobs disturb least, on any other what the host spends. Shares compare useful work, counted by the \
+         formula, with the peak of the same run; data that stays in a cache can pass 100 %. `shares.svg` shows \
+         them.\n",
+        date(),
+        info.name,
+        info.driver,
+        processor(),
+        commit(),
+        args.command(),
+        bench.load,
+        load(),
+        peak(ARITHMETIC, Row::rate),
+        peak(MEMORY, Row::rate),
+        peak(ARITHMETIC, Row::core_rate),
+        peak(MEMORY, Row::core_rate),
+        peak(HOST, Row::core_rate),
+        bench.device.memory_use().peak_bytes as f64 / f64::from(1 << 20),
+    )
+}
+
+/// Figure of a target in this run.
+fn measured(bench: &Bench, target: &Target) -> Option<f64> {
+    if target.figure == Figure::Exponent {
+        return fitted(bench, target.row, |row| row.core_time().median);
+    }
+    let row = bench.rows.iter().find(|row| row.name.starts_with(target.row))?;
+    let (ms, core_ms) = (row.time().median * 1e3, row.core_time().median * 1e3);
+    match target.figure {
+        Figure::FmaShare => Shares::of(bench, row).fma,
+        Figure::CoreMs => Some(core_ms),
+        Figure::MsEach(parts) => Some(ms / parts),
+        Figure::CoreNsEach(parts) => Some(core_ms * 1e6 / parts),
+        Figure::Exponent | Figure::Missing => None,
+    }
+}
+
+fn targets(bench: &Bench) -> String {
+    if !bench.is_cpu() {
+        return "\n## Targets\n\nThey are about processors, and this device is none.\n".to_owned();
+    }
+    let table = target::table(|target| measured(bench, target));
+    format!(
+        "\n## Targets\n\nFor processors; a row that `--full` alone measures is \"not measured\" without it.\n\n{table}"
+    )
+}
+
+fn rows(bench: &Bench) -> String {
+    let mut out = "\n## Rows\n\n\
+                   | what | ms | core-ms | rate | share of peak | by CPU time | of core's FMA peak | work |\n\
+                   | --- | ---: | ---: | ---: | ---: | ---: | ---: | --- |\n"
+        .to_owned();
+    for row in &bench.rows {
+        let Shares { device, core, fma } = Shares::of(bench, row);
+        let percent = |share: Option<f64>| share.map(|s| format!("{s:.1} %")).unwrap_or_default();
+        let shares = [device, core, fma].map(percent).join(" | ");
+        let (unit, formula) = unit(row);
+        let (ms, core_ms) = (row.time().median * 1e3, row.core_time().median * 1e3);
+        let rate = cell(giga(row.rate()), 2);
+        writeln!(out, "| {} | {ms:.3} | {core_ms:.3} | {rate} {unit} | {shares} | {formula} |", row.name)
+            .expect("a string takes any text");
+    }
+    out
+}
+
+/// Parts of an embedding step: device time, and what is left of the clock on the wall.
+fn stages(bench: &Bench) -> String {
+    let steps: Vec<_> = bench.rows.iter().filter(|row| !row.stages.is_empty()).collect();
+    if steps.is_empty() {
+        return String::new();
+    }
+    let names = StepPart::ALL.map(StepPart::name).join(" | ");
+    let mut out = format!(
+        "\n## Stages of an embedding step\n\nMean ms of device time; \"rest\" is what is left of the mean by the clock on \
+         the wall.\n\n| row | {names} | rest |\n| --- |{}\n",
+        " ---: |".repeat(StepPart::ALL.len() + 1)
+    );
+    for row in steps {
+        let whole = row.seconds.iter().sum::<f64>() / row.seconds.len() as f64;
+        let part = |seconds: f64| format!("{:.2} ({:.0} %)", seconds * 1e3, 100.0 * seconds / whole);
+        let parts = StepPart::ALL.map(|stage| part(row.stages.get(&stage).copied().unwrap_or(0.0))).join(" | ");
+        let rest = part(whole - row.stages.values().sum::<f64>());
+        writeln!(out, "| {} | {parts} | {rest} |", row.name).expect("a string takes any text");
+    }
+    out
+}
+
+/// Sizes and times of the rows of one axis.
+fn points(bench: &Bench, axis: &str, time: impl Fn(&Row) -> f64) -> Vec<(f64, f64)> {
+    let on_axis = |row: &Row| row.scale.filter(|(a, _)| *a == axis).map(|(_, size)| (size, time(row)));
+    bench.rows.iter().filter_map(on_axis).collect()
+}
+
+fn fitted(bench: &Bench, axis: &str, time: impl Fn(&Row) -> f64) -> Option<f64> {
+    exponent(&points(bench, axis, time))
+}
+
+/// Exponents of the cost over each axis.
+fn fits(bench: &Bench) -> String {
+    let mut out = String::new();
+    for (axis, what) in [("V", "views"), ("F", "frames"), ("N", "splats")] {
+        let sizes: Vec<f64> = points(bench, axis, |_| 1.0).into_iter().map(|(size, _)| size).collect();
+        let (Some(first), Some(last)) = (sizes.first(), sizes.last()) else { continue };
+        let [core, wall] = [fitted(bench, axis, |r| r.core_time().median), fitted(bench, axis, |r| r.time().median)];
+        let [core, wall] = [core, wall].map(|power| cell(power, 3));
+        let factor = last / first;
+        writeln!(out, "| {what}, {axis} | {first} to {last}, {factor}x | {core} | {wall} |").expect("a string");
+    }
+    if out.is_empty() {
+        return out;
+    }
+    format!(
+        "\n## Scaling\n\nTime of planning, rendering and differentiating as size to a power: least squares between \
+         logarithms. What does not grow makes it smaller than 1.\n\n\
+         | over | range | power of CPU time | of time by the clock |\n| --- | --- | ---: | ---: |\n{out}"
+    )
 }
 
 /// Where the time of rows with several kernels goes.
@@ -98,4 +270,17 @@ fn split(bench: &Bench) -> String {
         }
     }
     out
+}
+
+/// `shares.svg`
+fn shares_chart(bench: &Bench) -> String {
+    let bars = |row: &Row| {
+        let Shares { device, fma, .. } = Shares::of(bench, row);
+        (device.is_some() || fma.is_some()).then(|| Bars { name: row.name.clone(), shares: [device, fma] })
+    };
+    let legend = [
+        "share of the device's peak in this run: arithmetic in registers, or memory",
+        "share of the FMA peak of one core, by CPU time",
+    ];
+    chart::svg(legend, &bench.rows.iter().filter_map(bars).collect::<Vec<_>>())
 }

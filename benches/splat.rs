@@ -14,10 +14,12 @@ use guard4d_kernels::splat::rasterize::{self, BackwardScratch};
 use guard4d_kernels::splat::sh::{self, ShInputs, VisibleSplats};
 use guard4d_kernels::splat::tile_bin::{TileBinner, VisibleLists};
 
-use crate::Outcome;
 use crate::harness::{Bench, Work};
+use crate::{Outcome, scene};
 
 const SIDE: u32 = 400;
+/// Splats of the made scene.
+const MADE: usize = 50_000;
 
 pub(crate) fn measure(bench: &mut Bench) -> Outcome {
     let scene = Scene::unpack()?;
@@ -32,7 +34,21 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
         colours(bench, &state, &lists, bases)?;
     }
     fixed_colours(bench, state.len(), &lists)?;
-    blend(bench, &model, &lists)
+    let label = format!("demo scene, {SIDE}x{SIDE}");
+    blend(bench, &label, model.background, &lists)?;
+    for side in [400, 800] {
+        made(bench, side)?;
+    }
+    Ok(())
+}
+
+/// The scene that the targets are about.
+fn made(bench: &mut Bench, side: u32) -> Outcome {
+    let camera = scene::camera(side)?;
+    let field = DeformField::new(&bench.device, &scene::splats(MADE, &camera), None)?;
+    let state = field.canonical();
+    let (lists, _) = TileBinner::new(&bench.device)?.build(&view(&camera), state.raw(), state.len(), Prune::Remove)?;
+    blend(bench, &format!("{}k, {side}x{side}", MADE / 1000), [0.0; 3], &lists)
 }
 
 /// The parts of the deformation network that are no matrix product.
@@ -133,15 +149,16 @@ fn fixed_colours(bench: &mut Bench, n: usize, lists: &VisibleLists) -> Outcome {
     })
 }
 
-fn blend(bench: &mut Bench, model: &Model, lists: &VisibleLists) -> Outcome {
+/// Colours to pixels, and the gradient of the pixels back to the colours.
+fn blend(bench: &mut Bench, scene: &str, background: [f32; 3], lists: &VisibleLists) -> Outcome {
     let (pixels, pairs) = (lists.grid.num_pixels(), lists.num_isects);
-    let label = format!("demo scene, {SIDE}x{SIDE}, V {}, I {pairs}", lists.num_visible);
+    let label = format!("{scene}, V {}, I {pairs}", lists.num_visible);
     let colours = bench.data("colours", 4 * lists.num_visible)?;
     let mut v_colours = bench.device.buffer("v_colours", colours.len())?;
     let mut clip = bench.device.buffer("frame", 4 * pixels)?;
     let work = Work::Bytes((52 * pairs + 16 * pixels) as f64, "52·I + 16·H·W");
     bench.passes(&format!("splat/rasterize forward {label}"), work, |rec| {
-        rasterize::forward(rec, lists, &colours, model.background, FrameMut { clip: &mut clip, index: 0 })
+        rasterize::forward(rec, lists, &colours, background, FrameMut { clip: &mut clip, index: 0 })
     })?;
     let mut scratch = BackwardScratch::new(&bench.device, pairs)?;
     let work = Work::Bytes((72 * pairs + 16 * pixels) as f64, "72·I + 16·H·W");

@@ -3,6 +3,7 @@
 #![allow(clippy::cast_possible_truncation, reason = "test sizes are small")]
 
 mod assets;
+mod benches;
 mod cli;
 mod clip;
 mod kernels;

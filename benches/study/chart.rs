@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use crate::ledger::Ledger;
 use crate::summary::Group;
+use crate::svg::{drawing, text};
 
 /// Picture, and margins for the labels: left, top, right, bottom.
 const SIZE: (f64, f64) = (760.0, 420.0);
@@ -40,7 +41,7 @@ pub(crate) fn svg(ledger: &Ledger) -> String {
     let low = all.iter().copied().fold(f64::INFINITY, f64::min);
     let high = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if all.is_empty() {
-        return drawing("");
+        return drawing(SIZE, "");
     }
     let db = ((low / GRID.0).floor() * GRID.0, ((high / GRID.0).floor() + 1.0) * GRID.0);
     let axes = Axes { db };
@@ -57,20 +58,7 @@ pub(crate) fn svg(ledger: &Ledger) -> String {
     for (i, (name, points)) in curves.iter().enumerate() {
         curve(&mut body, &axes, (i, name), points);
     }
-    drawing(&body)
-}
-
-fn drawing(body: &str) -> String {
-    let (width, height) = SIZE;
-    format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\" \
-         font-size=\"12\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n{body}</svg>\n"
-    )
-}
-
-fn text(out: &mut String, (x, y): (f64, f64), anchor: &str, words: &str) {
-    let words = words.replace('&', "&amp;").replace('<', "&lt;");
-    writeln!(out, "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{words}</text>").expect("a string");
+    drawing(SIZE, &body)
 }
 
 fn grid(axes: &Axes) -> String {

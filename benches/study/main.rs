@@ -11,6 +11,8 @@ mod ledger;
 mod measure;
 mod row;
 mod summary;
+#[path = "../svg.rs"]
+mod svg;
 
 use std::path::{Path, PathBuf};
 

@@ -1,10 +1,12 @@
 //! Sizes of a CLIP model, as Hugging Face writes them into `config.json`.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use guard4d_kernels::nn::activation::Activation;
 use serde::{Deserialize, Serialize};
 
+use super::weights::expected_tensors;
 use crate::error::EngineError;
 
 /// Alignment of every width: the lanes of a matrix product.
@@ -134,6 +136,12 @@ impl ClipConfig {
             .map_err(|e| bad(path, "config", e.to_string(), "the configuration of a CLIPModel"))?;
         config.check(path)?;
         Ok(config)
+    }
+
+    /// Every tensor of a checkpoint of these sizes, with its shape.
+    #[must_use]
+    pub fn tensors(&self) -> BTreeMap<String, Vec<usize>> {
+        expected_tensors(self)
     }
 
     fn check(&self, path: &Path) -> Result<(), EngineError> {

@@ -58,7 +58,8 @@ impl Weights {
     }
 }
 
-fn expected_tensors(config: &ClipConfig) -> BTreeMap<String, Vec<usize>> {
+/// Every tensor of a `CLIPModel` of these sizes, with its shape.
+pub(super) fn expected_tensors(config: &ClipConfig) -> BTreeMap<String, Vec<usize>> {
     let (text, vision) = (&config.text_config, &config.vision_config);
     let (text_width, width, patch) = (text.hidden_size, vision.hidden_size, vision.patch_size);
     let mut all = BTreeMap::new();

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::Embedded;
+use super::{Embedded, Embedding};
 
 /// Parts of a training step, in its order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -86,14 +86,26 @@ impl StepPart {
     }
 }
 
+fn parts(device_seconds: &BTreeMap<&'static str, f64>) -> BTreeMap<StepPart, f64> {
+    let mut parts: BTreeMap<_, _> = StepPart::ALL.into_iter().map(|part| (part, 0.0)).collect();
+    for (pass, seconds) in device_seconds {
+        *parts.entry(StepPart::of(pass)).or_default() += seconds;
+    }
+    parts
+}
+
+impl Embedding<'_> {
+    /// Device seconds of the steps so far by part; parts that took none are 0.
+    #[must_use]
+    pub fn part_seconds(&self) -> BTreeMap<StepPart, f64> {
+        parts(&self.device_seconds)
+    }
+}
+
 impl Embedded {
     /// Device seconds of training by part; parts that took none are 0.
     #[must_use]
     pub fn part_seconds(&self) -> BTreeMap<StepPart, f64> {
-        let mut parts: BTreeMap<_, _> = StepPart::ALL.into_iter().map(|part| (part, 0.0)).collect();
-        for (pass, seconds) in &self.device_seconds {
-            *parts.entry(StepPart::of(pass)).or_default() += seconds;
-        }
-        parts
+        parts(&self.device_seconds)
     }
 }

@@ -1,0 +1,41 @@
+//! A scene of as many splats as wanted, all of about five pixels.
+
+use glam::Mat4;
+use guard4d_engine::EngineError;
+use guard4d_engine::scene::{Camera, Gaussians, ImageSize};
+use guard4d_kernels::splat::SH_FLOATS;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+/// Standard deviations in px: three of them are about 5 px.
+const SIGMA_PX: (f32, f32) = (1.2, 2.2);
+/// Distances from the camera.
+const DEPTH: (f32, f32) = (3.0, 5.0);
+/// Logits of opacities between a tenth and nine tenths.
+const OPACITY: (f32, f32) = (-2.2, 2.2);
+/// Widest angle of the camera.
+const FOV_RAD: f64 = 0.7;
+const SEED: u64 = 1;
+
+/// The camera that looks at [`splats`].
+pub(crate) fn camera(side: u32) -> Result<Camera, EngineError> {
+    Ok(Camera::with_fov(Mat4::IDENTITY, FOV_RAD, ImageSize::new(side, side)?))
+}
+
+/// Splats spread evenly over what `camera` sees. At another image size they are as large in pixels, so that the pairs of
+/// a tile and a splat are about as many.
+pub(crate) fn splats(count: usize, camera: &Camera) -> Gaussians {
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let mut between = |(low, high): (f32, f32)| low + (high - low) * (rng.next_u32() >> 8) as f32 / (1 << 24) as f32;
+    let mut splats = Gaussians { sh_degree: 3, ..Gaussians::default() };
+    for _ in 0..count {
+        let (u, v) = (between((0.0, camera.width as f32)), between((0.0, camera.height as f32)));
+        let z = between(DEPTH);
+        splats.means.push([(u - camera.cx) * z / camera.fx, (v - camera.cy) * z / camera.fy, z]);
+        splats.scales.push(std::array::from_fn(|_| (between(SIGMA_PX) * z / camera.fx).ln()));
+        splats.quats.push(std::array::from_fn(|_| between((-1.0, 1.0))));
+        splats.opacities.push(between(OPACITY));
+        splats.sh_coeffs.extend((0..SH_FLOATS).map(|_| between((-0.2, 0.2))));
+    }
+    splats
+}
