@@ -10,6 +10,7 @@ use guard4d_engine::watermark::embed::StepPart;
 use guard4d_kernels::vk::DeviceKind;
 use guard4d_kernels::{Buffer, Device, DeviceSelect, KernelError, Recorder, Timings};
 
+use crate::probe::PROBES;
 use crate::stats::Quartiles;
 
 /// Samples of one row; criterion's least.
@@ -104,9 +105,9 @@ impl Bench {
         self.filter.is_some()
     }
 
-    /// Whether the command line asks for a row; what only serves others need not be prepared.
+    /// Whether the command line asks for a row; what only serves others need not be prepared. Shares need the probes.
     pub(crate) fn wants(&self, name: &str) -> bool {
-        self.filter.as_ref().is_none_or(|part| name.contains(part))
+        self.filter.as_ref().is_none_or(|part| name.starts_with(PROBES) || name.contains(part))
     }
 
     /// Whether the device computes on this processor, so that CPU time says what it did.

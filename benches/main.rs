@@ -38,7 +38,7 @@ type Outcome = Result<(), EngineError>;
 #[derive(Debug, Parser)]
 #[command(name = "./x bench")]
 struct Args {
-    /// Only rows whose names contain this
+    /// Only rows whose names contain this, and the probes that shares are taken of
     filter: Option<String>,
     /// Also fit how the cost grows with views, frames and splats
     #[arg(long)]

@@ -8,6 +8,8 @@ use guard4d_kernels::probe::mul_add::{Chains, run};
 use crate::Outcome;
 use crate::harness::{Bench, Work};
 
+/// Rows of this file.
+pub(crate) const PROBES: &str = "probe/";
 /// Rows that measure arithmetic, and those that measure memory.
 pub(crate) const ARITHMETIC: &str = "probe/mul_add";
 pub(crate) const MEMORY: &str = "probe/memory";

@@ -20,6 +20,7 @@ pub(crate) fn write(bench: &Bench, args: &Args) -> Outcome {
     let folder: PathBuf = match &args.out {
         Some(folder) => folder.clone(),
         None if bench.is_partial() || bench.rows.is_empty() => {
+            println!("{}", rows(bench));
             eprintln!("only a part was measured: no report is written without --out");
             return Ok(());
         }
