@@ -1,4 +1,4 @@
-//! The chart: bits right in marked clips against measured PSNR, one curve per model and mode.
+//! The chart: bits right in marked clips against measured PSNR, a curve for each model, mode and number of steps.
 
 use std::fmt::Write;
 
@@ -7,15 +7,17 @@ use crate::summary::Group;
 use crate::svg::{drawing, text};
 
 /// Picture, and margins for the labels: left, top, right, bottom.
-const SIZE: (f64, f64) = (760.0, 420.0);
-const MARGIN: (f64, f64, f64, f64) = (56.0, 16.0, 170.0, 44.0);
-/// Range of the accuracy axis in percent; controls' chance level lies inside.
-const ACCURACY: (f64, f64) = (40.0, 100.0);
+const SIZE: (f64, f64) = (940.0, 460.0);
+const MARGIN: (f64, f64, f64, f64) = (56.0, 16.0, 280.0, 44.0);
+/// Range of the accuracy axis in percent: all of it, because wrong bits can outnumber right ones.
+const ACCURACY: (f64, f64) = (0.0, 100.0);
 /// Distance of the grid lines: dB, percent.
 const GRID: (f64, f64) = (2.0, 10.0);
 const LEGEND_LINE: f64 = 18.0;
 /// Okabe and Ito's colours, which the colour-blind can tell apart.
 const COLOURS: [&str; 6] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
+/// Lines of the models, in SVG's terms.
+const DASHES: [&str; 4] = ["none", "7 4", "2 3", "10 3 2 3"];
 
 /// Where values go.
 struct Axes {
@@ -46,19 +48,52 @@ pub(crate) fn svg(ledger: &Ledger) -> String {
     let db = ((low / GRID.0).floor() * GRID.0, ((high / GRID.0).floor() + 1.0) * GRID.0);
     let axes = Axes { db };
     let mut body = grid(&axes);
-    let mut curves: Vec<(String, Vec<&Group<'_>>)> = Vec::new();
+    let mut curves: Vec<(Style, Vec<&Group<'_>>)> = Vec::new();
+    let (mut kinds, mut models) = (Vec::new(), Vec::new());
     for group in &groups {
-        let rescaled = if group.is_own() { "" } else { ", rescaled" };
-        let name = format!("{} {}, {} bits{rescaled}", group.cell("model"), group.cell("mode"), group.cell("bits"));
-        match curves.iter_mut().find(|(n, _)| *n == name) {
+        let cell = |name| group.cell(name).to_owned();
+        let kind = position(&mut kinds, [cell("mode"), cell("bits"), cell("steps")]);
+        let style = Style { kind, model: position(&mut models, cell("model")), is_own: group.is_own() };
+        match curves.iter_mut().find(|(s, _)| *s == style) {
             Some((_, points)) => points.push(group),
-            None => curves.push((name, vec![group])),
+            None => curves.push((style, vec![group])),
         }
     }
-    for (i, (name, points)) in curves.iter().enumerate() {
-        curve(&mut body, &axes, (i, name), points);
+    for (i, (style, points)) in curves.iter().enumerate() {
+        let ([mode, bits, steps], model) = (&kinds[style.kind], &models[style.model]);
+        let rescaled = if style.is_own { "" } else { ", rescaled" };
+        let name = format!("{model} {mode}, {bits} bits, {steps} steps{rescaled}");
+        curve(&mut body, &axes, (i, *style, &name), points);
     }
     drawing(SIZE, &body)
+}
+
+/// How a curve looks: a colour for what was done, a kind of line for the model, thin for marks that were rescaled.
+#[derive(Clone, Copy, PartialEq)]
+struct Style {
+    kind: usize,
+    model: usize,
+    is_own: bool,
+}
+
+impl Style {
+    fn colour(self) -> &'static str {
+        COLOURS[self.kind % COLOURS.len()]
+    }
+
+    /// Attributes of the line.
+    fn stroke(self) -> String {
+        let (dash, width) = (DASHES[self.model % DASHES.len()], if self.is_own { 2 } else { 1 });
+        format!("stroke=\"{}\" stroke-width=\"{width}\" stroke-dasharray=\"{dash}\" fill=\"none\"", self.colour())
+    }
+}
+
+/// Place of `value` in `seen`, where it is put if it is new.
+fn position<T: PartialEq>(seen: &mut Vec<T>, value: T) -> usize {
+    seen.iter().position(|v| *v == value).unwrap_or_else(|| {
+        seen.push(value);
+        seen.len() - 1
+    })
 }
 
 fn grid(axes: &Axes) -> String {
@@ -93,24 +128,27 @@ fn grid(axes: &Axes) -> String {
 }
 
 /// A line through the means over seeds, a circle for each seed, and the entry in the legend.
-fn curve(out: &mut String, axes: &Axes, (number, name): (usize, &str), points: &[&Group<'_>]) {
-    let colour = COLOURS[number % COLOURS.len()];
+fn curve(out: &mut String, axes: &Axes, (number, style, name): (usize, Style, &str), points: &[&Group<'_>]) {
+    let (colour, stroke) = (style.colour(), style.stroke());
     let means = points.iter().filter_map(|g| Some((g.mean("psnr_db")?, g.mean("marked")?)));
     let mut means: Vec<_> = means.filter(|(db, _)| db.is_finite()).collect();
     means.sort_by(|a, b| a.0.total_cmp(&b.0));
     let path: Vec<_> =
         means.iter().map(|(db, share)| format!("{:.1},{:.1}", axes.x(*db), axes.y(100.0 * share))).collect();
     let mut draw = |shape: String| writeln!(out, "{shape}").expect("a string takes any text");
-    draw(format!("<polyline points=\"{}\" stroke=\"{colour}\" stroke-width=\"2\" fill=\"none\"/>", path.join(" ")));
+    draw(format!("<polyline points=\"{}\" {stroke}/>", path.join(" ")));
+    let radius = if style.is_own { 3 } else { 2 };
     for group in points {
         for (db, share) in group.values("psnr_db").into_iter().zip(group.values("marked")) {
             if db.is_finite() {
                 let (x, y) = (axes.x(db), axes.y(100.0 * share));
-                draw(format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\" fill=\"{colour}\" fill-opacity=\"0.6\"/>"));
+                draw(format!(
+                    "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{colour}\" fill-opacity=\"0.6\"/>"
+                ));
             }
         }
     }
     let (x, y) = (SIZE.0 - MARGIN.2 + 12.0, MARGIN.1 + 12.0 + number as f64 * LEGEND_LINE);
-    draw(format!("<rect x=\"{x}\" y=\"{}\" width=\"12\" height=\"4\" fill=\"{colour}\"/>", y - 6.0));
-    text(out, (x + 18.0, y), "start", name);
+    draw(format!("<path d=\"M{x} {}h24\" {stroke}/>", y - 4.0));
+    text(out, (x + 30.0, y), "start", name);
 }
