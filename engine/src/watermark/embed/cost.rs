@@ -31,12 +31,14 @@ pub enum StepPart {
 }
 
 /// Beginnings of pass names; the first that fits counts.
-const TABLE: [(&str, StepPart); 15] = [
+const TABLE: [(&str, StepPart); 17] = [
+    ("splat/dc_colour_fwd", StepPart::RenderForward),
     ("splat/sh_fwd", StepPart::RenderForward),
     ("splat/rasterize_clear", StepPart::RenderForward),
     ("splat/rasterize_fwd", StepPart::RenderForward),
     ("splat/rasterize_bwd", StepPart::RenderBackward),
     ("splat/rasterize_gather", StepPart::RenderBackward),
+    ("splat/dc_colour_bwd", StepPart::RenderBackward),
     ("splat/sh_bwd", StepPart::RenderBackward),
     ("image/colour_map", StepPart::Tmsd),
     ("image/", StepPart::Image),
