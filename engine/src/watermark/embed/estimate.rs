@@ -55,7 +55,6 @@ impl Estimate {
         config.validate_for(subject.key.bits())?;
         let device = subject.device;
         let budget = device.memory_budget();
-        let before = device.memory_use();
         let few = EmbedConfig { responses: subject.key.bits(), ..config.clone() };
         let mut pool = ClipPool::draw(&subject, &few)?;
         let clips = pool.len();
@@ -75,7 +74,7 @@ impl Estimate {
         let (used, kept) = (device.memory_use(), embedding.clips.bytes());
         let clip_bytes = kept / embedding.clips.in_memory().max(1) as u64;
         // Other buffers of this device, such as CLIP's weights, are part of it.
-        let resident_bytes = used.peak_reserved_bytes.max(before.peak_reserved_bytes) - kept;
+        let resident_bytes = used.peak_reserved_bytes - kept;
         let all = resident_bytes + clip_bytes * clips as u64;
         let room = budget.map_or(u64::MAX, |bytes| bytes.saturating_sub(resident_bytes));
         let in_memory = usize::try_from(room / clip_bytes.max(1)).unwrap_or(usize::MAX).clamp(1, clips);
