@@ -32,8 +32,13 @@ fn gpu_equals_the_twin() {
             forward(rec, x, y)?;
             backward(rec, x, v_y, v_x)
         });
-        let same = |got: &[f32], want: &[f32]| got.iter().zip(want).all(|(g, w)| g == w || g.is_nan() && w.is_nan());
-        assert!(same(&y, &twin::forward(&data)), "forward of {data:?}: {y:?}");
-        assert!(same(&v_x, &twin::backward(&data, &v_data)), "backward of {data:?}: {v_x:?}");
+        // Vulkan lets a device take a denormal for zero, also where it asks on which side of zero it lies.
+        let near = |g: f32, w: f32| g == w || g.is_nan() && w.is_nan() || (g - w).abs() < f32::MIN_POSITIVE;
+        let want = twin::forward(&data);
+        assert!(y.iter().zip(&want).all(|(g, w)| near(*g, *w)), "forward of {data:?}: {y:?}");
+        let flushed: Vec<f32> = data.iter().map(|x| if x.is_subnormal() { 0.0 } else { *x }).collect();
+        let [kept, flushed] = [&data, &flushed].map(|x| twin::backward(x, &v_data));
+        let either = (0..v_x.len()).all(|i| near(v_x[i], kept[i]) || near(v_x[i], flushed[i]));
+        assert!(either, "backward of {data:?}: {v_x:?}");
     }
 }
