@@ -44,6 +44,8 @@ struct Shares {
     core: Option<f64>,
     /// Of the FMA peak of one core, by CPU time.
     fma: Option<f64>,
+    /// The same of the fastest runs of both.
+    best_fma: Option<f64>,
 }
 
 impl Shares {
@@ -63,6 +65,7 @@ impl Shares {
             device: limit.and_then(|limit| share(Row::rate, limit)),
             core: limit.filter(|_| bench.is_cpu()).and_then(|limit| share(Row::core_rate, limit)),
             fma: if computes { share(Row::core_rate, HOST) } else { None },
+            best_fma: if computes { share(Row::best_core_rate, HOST) } else { None },
         }
     }
 }
@@ -88,20 +91,21 @@ fn giga(rate: Option<f64>) -> Option<f64> {
 fn csv(bench: &Bench) -> String {
     let times = [MS, CORE_MS].map(|clock| QUARTILES.map(|end| format!("{clock}{end}")).join(","));
     let mut out = format!(
-        "{NAME},{},samples,{JUDGED_BY},rate,core_rate,unit,share_percent,core_share_percent,fma_share_percent,work\n",
+        "{NAME},{},samples,{JUDGED_BY},rate,core_rate,unit,share_percent,core_share_percent,fma_share_percent,best_core_ms,best_fma_share_percent,work\n",
         times.join(",")
     );
     let judged_by = if bench.is_cpu() { CORE_MS } else { MS };
     for row in &bench.rows {
         let times = [row.time(), row.core_time()]
             .map(|q| [q.low, q.median, q.high].map(|seconds| format!("{:.5}", seconds * 1e3)).join(","));
-        let Shares { device, core, fma } = Shares::of(bench, row);
+        let Shares { device, core, fma, best_fma } = Shares::of(bench, row);
+        let best = [Some(row.best_core_seconds() * 1e3), best_fma].map(|figure| cell(figure, 2)).join(",");
         let shares = [device, core, fma].map(|share| cell(share, 2)).join(",");
         let rates = [row.rate(), row.core_rate()].map(|rate| cell(giga(rate), 3)).join(",");
         let (unit, formula) = unit(row);
         let (name, samples) = (&row.name, row.seconds.len());
         let times = times.join(",");
-        writeln!(out, "\"{name}\",{times},{samples},{judged_by},{rates},{unit},{shares},\"{formula}\"")
+        writeln!(out, "\"{name}\",{times},{samples},{judged_by},{rates},{unit},{shares},{best},\"{formula}\"")
             .expect("a string takes any text");
     }
     out
@@ -188,17 +192,18 @@ fn targets(bench: &Bench) -> String {
 
 fn rows(bench: &Bench) -> String {
     let mut out = "\n## Rows\n\n\
-                   | what | ms | core-ms | rate | share of peak | by CPU time | of core's FMA peak | work |\n\
-                   | --- | ---: | ---: | ---: | ---: | ---: | ---: | --- |\n"
+                   | what | ms | core-ms | best | rate | share of peak | by CPU time | of core's FMA peak | best | work |\n\
+                   | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |\n"
         .to_owned();
     for row in &bench.rows {
-        let Shares { device, core, fma } = Shares::of(bench, row);
+        let Shares { device, core, fma, best_fma } = Shares::of(bench, row);
         let percent = |share: Option<f64>| share.map(|s| format!("{s:.1} %")).unwrap_or_default();
-        let shares = [device, core, fma].map(percent).join(" | ");
+        let shares = [device, core, fma, best_fma].map(percent).join(" | ");
         let (unit, formula) = unit(row);
         let (ms, core_ms) = (row.time().median * 1e3, row.core_time().median * 1e3);
+        let best = row.best_core_seconds() * 1e3;
         let rate = cell(giga(row.rate()), 2);
-        writeln!(out, "| {} | {ms:.3} | {core_ms:.3} | {rate} {unit} | {shares} | {formula} |", row.name)
+        writeln!(out, "| {} | {ms:.3} | {core_ms:.3} | {best:.3} | {rate} {unit} | {shares} | {formula} |", row.name)
             .expect("a string takes any text");
     }
     out
