@@ -60,6 +60,11 @@ impl Row {
         self.core_seconds.iter().copied().fold(f64::NAN, f64::min)
     }
 
+    /// The shortest run by the device's clock, or by the one on the wall.
+    pub(crate) fn best_seconds(&self) -> f64 {
+        self.seconds.iter().copied().fold(f64::NAN, f64::min)
+    }
+
     fn work(&self) -> Option<f64> {
         match self.work {
             Work::Flops(work, _) | Work::Bytes(work, _) => Some(work),

@@ -12,7 +12,7 @@ use crate::harness::{Bench, Row, SAMPLES, Work};
 use crate::host::{commit, date, load, processor, results};
 use crate::probe::{ARITHMETIC, HOST, MEMORY};
 use crate::stats::exponent;
-use crate::target::{self, Figure, Target};
+use crate::target::{self, Figure, Measured, Target};
 use crate::{Args, Outcome};
 
 /// Writes `results.csv`, `summary.md` and `shares.svg`. A part of the rows is only written where the command line says.
@@ -166,19 +166,25 @@ fn head(bench: &Bench, args: &Args) -> String {
 }
 
 /// Figure of a target in this run.
-fn measured(bench: &Bench, target: &Target) -> Option<f64> {
+fn measured(bench: &Bench, target: &Target) -> Option<Measured> {
+    let both = |[median, best]: [Option<f64>; 2]| Some(Measured { median: median?, best: best? });
     if target.figure == Figure::Exponent {
-        return fitted(bench, target.row, |row| row.core_time().median);
+        let times: [fn(&Row) -> f64; 2] = [|row| row.core_time().median, Row::best_core_seconds];
+        return both(times.map(|time| fitted(bench, target.row, time)));
     }
     let row = bench.rows.iter().find(|row| row.name.starts_with(target.row))?;
-    let (ms, core_ms) = (row.time().median * 1e3, row.core_time().median * 1e3);
-    match target.figure {
-        Figure::FmaShare => Shares::of(bench, row).fma,
-        Figure::CoreMs => Some(core_ms),
-        Figure::MsEach(parts) => Some(ms / parts),
-        Figure::CoreNsEach(parts) => Some(core_ms * 1e6 / parts),
-        Figure::Exponent | Figure::Missing => None,
-    }
+    let seconds = [row.time().median, row.best_seconds()];
+    let core_seconds = [row.core_time().median, row.best_core_seconds()];
+    both(match target.figure {
+        Figure::FmaShare => {
+            let Shares { fma, best_fma, .. } = Shares::of(bench, row);
+            [fma, best_fma]
+        }
+        Figure::CoreMs => core_seconds.map(|s| Some(s * 1e3)),
+        Figure::MsEach(parts) => seconds.map(|s| Some(s * 1e3 / parts)),
+        Figure::CoreNsEach(parts) => core_seconds.map(|s| Some(s * 1e9 / parts)),
+        Figure::Exponent => [None, None],
+    })
 }
 
 fn targets(bench: &Bench) -> String {
@@ -187,7 +193,9 @@ fn targets(bench: &Bench) -> String {
     }
     let table = target::table(|target| measured(bench, target));
     format!(
-        "\n## Targets\n\nFor processors; a row that `--full` alone measures is \"not measured\" without it.\n\n{table}"
+        "\n## Targets\n\nFor processors; a row that `--full` alone measures is \"not measured\" without it. The floors come from \
+         the fastest of 7 to 25 runs by CPU time; on a shared machine the median also says how busy its neighbours were.\
+         \n\n{table}"
     )
 }
 

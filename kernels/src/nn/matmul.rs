@@ -1,16 +1,16 @@
 //! Matrix product with a packed right operand.
 
 use super::activation::Activation;
-use super::pack::{LANES, Order, PackedWeight, TEXEL, gather};
+use super::pack::{Elements, LANES, Order, PackedWeight, TEXEL, gather};
 use super::{as_i32, as_u32, expect_len, expect_multiple, transpose};
-use crate::registry::nn::matmul_fwd;
+use crate::registry::nn::{matmul_fwd, matmul_fwd_fixed16};
 use crate::{Buffer, Device, Grid, KernelError, Recorder};
 
 const KERNEL: &str = "nn/matmul";
 /// Rows of C that one workgroup computes: `TILE_ROWS` of `glsl/lib/gemm_tile.glsl`.
 const TILE_ROWS: usize = 16;
-/// Lane-blocks per tile, best first: 96 accumulators are the fastest measured, smaller tiles serve other widths.
-const BLOCKS: [usize; 5] = [6, 8, 4, 2, 1];
+/// Lane-blocks per tile, best first: the widest loop that a processor's cache of decoded instructions still holds.
+const BLOCKS: [usize; 5] = [8, 6, 4, 2, 1];
 
 /// What happens to s = A Wᵀ + bias before it is stored.
 #[derive(Clone, Copy, Debug)]
@@ -76,11 +76,21 @@ pub fn forward(rec: &mut Recorder, product: &Product, c: &mut Buffer<f32>) -> Re
         return Ok(());
     }
     let blocks = BLOCKS.into_iter().find(|b| (n / LANES).is_multiple_of(*b)).unwrap_or(1);
-    let spec = matmul_fwd::Spec { blocks: as_i32(blocks), mode, activation: activation.code() };
-    let params = matmul_fwd::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
-    let grid = Grid::groups(as_u32(rows.div_ceil(TILE_ROWS)), as_u32(n / LANES / blocks), 1);
-    let bind = matmul_fwd::Bind { a_tex: a, w_tex: &weight.packed, bias, aux_tex: aux, c };
-    rec.dispatch_spec(bind, params, spec, grid)
+    let (m, n, k, tiles) = (as_i32(rows), as_i32(n), as_i32(k), rows.div_ceil(TILE_ROWS));
+    let grid = Grid::groups(as_u32(tiles), as_u32(weight.n() / LANES / blocks), 1);
+    let (blocks, activation) = (as_i32(blocks), activation.code());
+    match &weight.elements {
+        Elements::F32(w_tex) => {
+            let spec = matmul_fwd::Spec { blocks, mode, activation };
+            let bind = matmul_fwd::Bind { a_tex: a, w_tex, bias, aux_tex: aux, c };
+            rec.dispatch_spec(bind, matmul_fwd::Params { m, n, k }, spec, grid)
+        }
+        Elements::Fixed16 { codes, scale } => {
+            let spec = matmul_fwd_fixed16::Spec { blocks, mode, activation };
+            let bind = matmul_fwd_fixed16::Bind { a_tex: a, w_tex: codes, bias, aux_tex: aux, c, scale };
+            rec.dispatch_spec(bind, matmul_fwd_fixed16::Params { m, n, k }, spec, grid)
+        }
+    }
 }
 
 /// Operands of [`weight_gradient`] in the order that the product wants them.
