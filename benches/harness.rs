@@ -8,7 +8,7 @@ use criterion::Criterion;
 use guard4d_engine::EngineError;
 use guard4d_engine::watermark::embed::StepPart;
 use guard4d_kernels::vk::DeviceKind;
-use guard4d_kernels::{Buffer, Device, DeviceSelect, KernelError, Recorder, Timings};
+use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
 
 use crate::probe::PROBES;
 use crate::stats::Quartiles;
@@ -87,17 +87,10 @@ pub(crate) struct Bench {
 }
 
 impl Bench {
-    /// Opens the device under test.
-    pub(crate) fn open(select: &DeviceSelect, filter: Option<String>) -> Result<Self, EngineError> {
+    /// Rows on this device.
+    pub(crate) fn new(device: Device, filter: Option<String>) -> Self {
         let criterion = Criterion::default().sample_size(SAMPLES).warm_up_time(WARM_UP).measurement_time(MEASUREMENT);
-        Ok(Self {
-            device: Device::open(select)?,
-            criterion,
-            rows: Vec::new(),
-            kernels: BTreeSet::new(),
-            filter,
-            load: crate::host::load(),
-        })
+        Self { device, criterion, rows: Vec::new(), kernels: BTreeSet::new(), filter, load: crate::host::load() }
     }
 
     /// Whether the command line leaves rows out.

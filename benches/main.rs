@@ -30,7 +30,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use guard4d_engine::EngineError;
-use guard4d_kernels::DeviceSelect;
+use guard4d_kernels::{Device, DeviceOptions, DeviceSelect, FamilySelect};
 
 type Outcome = Result<(), EngineError>;
 
@@ -52,6 +52,9 @@ struct Args {
     /// Vulkan device, as in `guard4d --help`
     #[arg(long, default_value = "auto", env = "GUARD4D_DEVICE")]
     device: DeviceSelect,
+    /// Kernels to run on it: auto, lanes or tiles
+    #[arg(long, default_value = "auto", env = "GUARD4D_KERNELS")]
+    kernels: FamilySelect,
     /// Given by cargo
     #[arg(long, hide = true)]
     bench: bool,
@@ -62,7 +65,11 @@ impl Args {
     fn command(&self) -> String {
         let full = if self.full { " --full" } else { "" };
         let filter = self.filter.as_ref().map(|part| format!(" '{part}'")).unwrap_or_default();
-        format!("./x bench{full}{filter}")
+        let kernels = match self.kernels {
+            FamilySelect::Auto => String::new(),
+            only => format!(" --kernels {only}"),
+        };
+        format!("./x bench{full}{kernels}{filter}")
     }
 }
 
@@ -86,7 +93,9 @@ fn run(args: &Args) -> Result<Vec<&'static str>, EngineError> {
         print!("{}", compare::table(&entries(a)?, &entries(b)?));
         return Ok(Vec::new());
     }
-    let mut bench = harness::Bench::open(&args.device, args.filter.clone())?;
+    let options = DeviceOptions { kernels: args.kernels, ..DeviceOptions::default() };
+    let device = Device::open_with(&args.device, options)?;
+    let mut bench = harness::Bench::new(device, args.filter.clone());
     for family in [
         probe::measure,
         nn::measure,

@@ -130,7 +130,7 @@ fn head(bench: &Bench, args: &Args) -> String {
     };
     format!(
         "# Benchmarks, {}\n\n\
-         - Device: {}; driver: {}; host: {}\n\
+         - Device: {}; driver: {}; kernels: {}; host: {}\n\
          - Commit: {}; command: `{}`; validation layers {layers}\n\
          - Load average over 1 and 5 minutes: {} before, {} after\n\
          - Peaks of this run on the device: {} GFLOP/s multiply and add in registers, {} GB/s memory (the better of a \
@@ -146,6 +146,7 @@ fn head(bench: &Bench, args: &Args) -> String {
         date(),
         info.name,
         info.driver,
+        bench.device.family(),
         processor(),
         commit(),
         args.command(),

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use bytesize::ByteSize;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use guard4d_kernels::DeviceSelect;
+use guard4d_kernels::{DeviceSelect, FamilySelect};
 
 /// Writes an owner's message into 4D Gaussian splat assets and reads it back from rendered video.
 #[derive(Debug, Parser)]
@@ -38,6 +38,11 @@ pub(crate) struct Common {
     /// GPU, else the processor. `guard4d devices` marks the one that it takes.
     #[arg(long, global = true, default_value = "auto", env = "GUARD4D_DEVICE")]
     pub(crate) device: DeviceSelect,
+    /// Kernels to run on it: auto, lanes (for processors) or tiles (for GPUs; runs everywhere)
+    ///
+    /// `auto` takes lanes on a processor whose driver can run them, tiles elsewhere. Both compute the same up to rounding.
+    #[arg(long, global = true, default_value = "auto", env = "GUARD4D_KERNELS")]
+    pub(crate) kernels: FamilySelect,
     /// Most device memory to take, such as 512MiB or 4GB; `embed` then keeps fewer clips at hand, to the same result
     #[arg(long, global = true, value_name = "SIZE", env = "GUARD4D_VRAM_BUDGET")]
     pub(crate) vram_budget: Option<ByteSize>,

@@ -1,7 +1,7 @@
 //! `guard4d devices`, and opening the one that a command runs on.
 
 use guard4d_engine::EngineError;
-use guard4d_kernels::{Device, DeviceSelect};
+use guard4d_kernels::{Device, DeviceOptions, DeviceSelect};
 use serde::Serialize;
 
 use crate::args::Common;
@@ -16,13 +16,16 @@ struct Row {
     uuid: String,
     pci: Option<String>,
     subgroup_size: u32,
+    /// The kernels that it would run with the `--kernels` given; nothing when it cannot run those.
+    kernels: Option<String>,
     /// Whether commands run on it with the `--device` given.
     selected: bool,
 }
 
 /// Opens the device that `--device` or, for `auto`, a scheduler names, with the memory budget that was given.
 pub(crate) fn open(common: &Common) -> Result<Device, EngineError> {
-    let device = Device::open(&select(common))?;
+    let options = DeviceOptions { kernels: common.kernels, ..DeviceOptions::default() };
+    let device = Device::open_with(&select(common), options)?;
     if let Some(budget) = common.vram_budget {
         device.limit_memory(budget.as_u64());
     }
@@ -41,6 +44,7 @@ pub(crate) fn run(common: &Common) -> Result<Outcome, EngineError> {
         .enumerate()
         .map(|(index, d)| Row {
             index,
+            kernels: common.kernels.choose(&d).ok().map(|family| family.to_string()),
             kind: format!("{:?}", d.kind).to_lowercase(),
             name: d.name,
             driver: d.driver,
@@ -54,7 +58,11 @@ pub(crate) fn run(common: &Common) -> Result<Outcome, EngineError> {
         let line = |r: &Row| {
             let pci = r.pci.as_deref().unwrap_or("-");
             let mark = if r.selected { '*' } else { ' ' };
-            format!("{mark} {}  {}  ({}, {})\n     uuid:{}  pci:{pci}", r.index, r.name, r.kind, r.driver, r.uuid)
+            let kernels = r.kernels.as_deref().unwrap_or("-");
+            format!(
+                "{mark} {}  {}  ({}, {})\n     uuid:{}  pci:{pci}  kernels:{kernels}",
+                r.index, r.name, r.kind, r.driver, r.uuid
+            )
         };
         rows.iter().map(line).collect::<Vec<_>>().join("\n")
     })?;

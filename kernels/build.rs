@@ -1,4 +1,4 @@
-//! Compiles every `glsl/**/*.comp` to SPIR-V 1.5, reflects it, and writes the typed registry.
+//! Compiles every `glsl/**/*.comp` to SPIR-V 1.5 for both kernel families, reflects it, and writes the typed registry.
 //! Any failure stops the build.
 
 #[path = "build/compile.rs"]
@@ -10,6 +10,9 @@ mod reflect;
 
 use std::path::{Path, PathBuf};
 use std::{env, fs};
+
+/// What the shaders of the portable family see defined; `glsl/lib/texels.glsl` and `shuffle.glsl` say what it changes.
+const TILES: &str = "TILES";
 
 /// One source file together with the defines of one variant of it.
 pub(crate) struct Unit {
@@ -29,16 +32,24 @@ fn main() {
 
     let mut kernels = Vec::new();
     for unit in units(&glsl) {
-        let words =
-            compile::to_spirv(&unit).unwrap_or_else(|log| panic!("glsl/{}.comp does not compile:\n{log}", unit.name));
-        let kernel = reflect::kernel(&unit.name, &words).unwrap_or_else(|why| panic!("glsl/{}.comp: {why}", unit.name));
-        let spv = format!("{}.spv", unit.name.replace('/', "__"));
-        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
-        fs::write(out.join(&spv), bytes).unwrap_or_else(|e| panic!("{spv}: {e}"));
-        kernels.push((kernel, spv));
+        let file = unit.name.replace('/', "__");
+        let lanes = module(&unit, &out.join(format!("{file}.lanes.spv")));
+        let portable = Unit { source: with_defines(&unit.source, &[TILES.to_owned()]), ..unit };
+        let tiles = module(&portable, &out.join(format!("{file}.tiles.spv")));
+        reflect::check_portable(&lanes, &tiles).unwrap_or_else(|why| panic!("glsl/{}.comp: {why}", portable.name));
+        kernels.push((lanes.kernel, file));
     }
     let registry = out.join("registry.rs");
     fs::write(&registry, generate::registry(&kernels)).unwrap_or_else(|e| panic!("{}: {e}", registry.display()));
+}
+
+/// Compiles one unit into the file `spv` and reflects it.
+fn module(unit: &Unit, spv: &Path) -> reflect::Reflected {
+    let words =
+        compile::to_spirv(unit).unwrap_or_else(|log| panic!("glsl/{}.comp does not compile:\n{log}", unit.name));
+    let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+    fs::write(spv, bytes).unwrap_or_else(|e| panic!("{}: {e}", spv.display()));
+    reflect::module(&unit.name, &words).unwrap_or_else(|why| panic!("glsl/{}.comp: {why}", unit.name))
 }
 
 /// All units, sorted by name: one per `.comp`, plus one per entry of `permutations.toml`.

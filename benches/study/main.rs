@@ -21,7 +21,7 @@ use guard4d_engine::EngineError;
 use guard4d_engine::output::{AtomicFile, Existing};
 use guard4d_engine::watermark::embed::Profile;
 use guard4d_engine::watermark::evidence::ExtractorMode;
-use guard4d_kernels::DeviceSelect;
+use guard4d_kernels::{DeviceSelect, FamilySelect};
 
 use ledger::Ledger;
 use measure::{Case, Study};
@@ -66,6 +66,9 @@ pub(crate) struct Args {
     /// Vulkan device, as in `guard4d --help`
     #[arg(long, default_value = "auto", env = "GUARD4D_DEVICE")]
     device: DeviceSelect,
+    /// Kernels to run on it: auto, lanes or tiles
+    #[arg(long, default_value = "auto", env = "GUARD4D_KERNELS")]
+    kernels: FamilySelect,
     /// Folder for rows, summary and chart [default: benches/results/DATE-DEVICE]
     #[arg(long)]
     out: Option<PathBuf>,

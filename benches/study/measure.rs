@@ -19,7 +19,7 @@ use guard4d_engine::watermark::extractor::ExtractorWeights;
 use guard4d_engine::watermark::key::{Key, digest_of};
 use guard4d_engine::watermark::prf::MasterSecret;
 use guard4d_engine::watermark::verify::clean_clips;
-use guard4d_kernels::Device;
+use guard4d_kernels::{Device, DeviceOptions};
 
 use crate::Args;
 use crate::host;
@@ -93,7 +93,8 @@ pub(crate) struct Study {
 impl Study {
     /// Opens device, checkpoint and models.
     pub(crate) fn open(args: &Args) -> Result<Self, EngineError> {
-        let device = Device::open(&args.device)?;
+        let device =
+            Device::open_with(&args.device, DeviceOptions { kernels: args.kernels, ..DeviceOptions::default() })?;
         if device.is_validated() {
             eprintln!("note: validation layers are on, so seconds are too many");
         }

@@ -6,13 +6,14 @@
 #include "lib/grid.glsl"
 #include "lib/clamp01.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint n; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer v_y;
+TEXELS_F32(0, x);
+TEXELS_F32(1, v_y);
 layout(set = 0, binding = 2) writeonly buffer VX { vec4 v_x[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.n) return;
-    v_x[i] = vec4(clamp01_gate(imageLoad(x, int(i)).rgb, imageLoad(v_y, int(i)).rgb), 0.0);
+    v_x[i] = vec4(clamp01_gate(texel_load(x, int(i)).rgb, texel_load(v_y, int(i)).rgb), 0.0);
 }

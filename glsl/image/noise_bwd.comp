@@ -7,14 +7,15 @@
 #include "lib/clamp01.glsl"
 #include "lib/gaussian_noise.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint n; float sigma; uint stream, seed_low, seed_high; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer v_y;
+TEXELS_F32(0, x);
+TEXELS_F32(1, v_y);
 layout(set = 0, binding = 2) writeonly buffer VX { vec4 v_x[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.n) return;
-    vec3 noisy = imageLoad(x, int(i)).rgb + p.sigma * gaussian_noise(i, p.stream, p.seed_low, p.seed_high);
-    v_x[i] = vec4(clamp01_gate(noisy, imageLoad(v_y, int(i)).rgb), 0.0);
+    vec3 noisy = texel_load(x, int(i)).rgb + p.sigma * gaussian_noise(i, p.stream, p.seed_low, p.seed_high);
+    v_x[i] = vec4(clamp01_gate(noisy, texel_load(v_y, int(i)).rgb), 0.0);
 }

@@ -5,12 +5,13 @@
 //   twin kernels/src/reference/image/normalize.rs
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint n; float std_r, std_g, std_b; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer v_y;
+TEXELS_F32(0, v_y);
 layout(set = 0, binding = 1) writeonly buffer VX { vec4 v_x[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.n) return;
-    v_x[i] = vec4(imageLoad(v_y, int(i)).rgb / vec3(p.std_r, p.std_g, p.std_b), 0.0);
+    v_x[i] = vec4(texel_load(v_y, int(i)).rgb / vec3(p.std_r, p.std_g, p.std_b), 0.0);
 }

@@ -6,13 +6,14 @@
 #include "lib/grid.glsl"
 #include "lib/clamp01.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint n; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x;
+TEXELS_F32(0, x);
 layout(set = 0, binding = 1) writeonly buffer Y { vec4 y[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.n) return;
-    vec4 v = imageLoad(x, int(i));
+    vec4 v = texel_load(x, int(i));
     y[i] = vec4(floor(clamp01(v.rgb) * 255.0 + 0.5) / 255.0, v.a);
 }

@@ -5,11 +5,12 @@
 //   out  y [planes, to, inner, 4] (=), or (+=) with ACCUMULATE; fourth channel 0
 //   twin kernels/src/reference/image/resize.rs   one invocation per output pixel; groups: x = to * inner, yz = planes
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(constant_id = 0) const uint ACCUMULATE = 0;
 layout(push_constant) uniform Params { int planes, from, to, inner, taps4; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer table;
-layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer y_before;
+TEXELS_F32(0, x);
+TEXELS_F32(1, table);
+TEXELS_F32(2, y_before);
 layout(set = 0, binding = 3) writeonly buffer Y { vec4 y[]; };
 
 void main() {
@@ -18,19 +19,19 @@ void main() {
     if (j >= p.to * p.inner || plane >= p.planes) return;
     int row = j / p.inner * (1 + p.taps4);
     int base = plane * p.from * p.inner + j % p.inner;
-    int source = int(imageLoad(table, row).x);
+    int source = int(texel_load(table, row).x);
     vec3 sum = vec3(0.0);
     int group = 0;
     do {
         group++;
-        vec4 weight = imageLoad(table, row + group);
+        vec4 weight = texel_load(table, row + group);
         for (int k = 0; k < 4; k++) {
-            vec3 term = imageLoad(x, base + min(source, p.from - 1) * p.inner).rgb * weight[k];
+            vec3 term = texel_load(x, base + min(source, p.from - 1) * p.inner).rgb * weight[k];
             sum += mix(vec3(0.0), term, bvec3(weight[k] != 0.0));
             source++;
         }
     } while (group < p.taps4);
     int at = plane * p.to * p.inner + j;
-    if (ACCUMULATE != 0) sum += imageLoad(y_before, at).rgb;
+    if (ACCUMULATE != 0) sum += texel_load(y_before, at).rgb;
     y[at] = vec4(sum, 0.0);
 }

@@ -10,7 +10,7 @@ const float MASKED = -1.0e30;
 // score[row + 16*b] += left(row) . right(8*b + lane), four components at a time
 #define ADD_SCORES(score, left0, left1, right0, right1)                  \
     [[unroll]] for (int r = 0; r < TILE; ++r) {                          \
-        vec4 row = r < 8 ? subgroupShuffle(left0, r) : subgroupShuffle(left1, r - 8); \
+        vec4 row = r < 8 ? lane_shuffle(left0, r) : lane_shuffle(left1, r - 8); \
         [[unroll]] for (int q = 0; q < 4; ++q) {                         \
             score[r] += row[q] * right0[q];                              \
         }                                                                \
@@ -30,13 +30,13 @@ vec4 masked_term(bool seen, float w, vec4 v) {
 }
 
 float lanes_max(float x) {
-    x = max(x, subgroupShuffleXor(x, 1u));
-    x = max(x, subgroupShuffleXor(x, 2u));
-    return max(x, subgroupShuffleXor(x, 4u));
+    x = max(x, lane_shuffle_xor(x, 1u));
+    x = max(x, lane_shuffle_xor(x, 2u));
+    return max(x, lane_shuffle_xor(x, 4u));
 }
 
 float lanes_sum(float x) {
-    x += subgroupShuffleXor(x, 1u);
-    x += subgroupShuffleXor(x, 2u);
-    return x + subgroupShuffleXor(x, 4u);
+    x += lane_shuffle_xor(x, 1u);
+    x += lane_shuffle_xor(x, 2u);
+    return x + lane_shuffle_xor(x, 4u);
 }

@@ -17,7 +17,7 @@ void conv3d_tap(inout float acc[PIXELS][MAX_CHANNELS], int index[PIXELS], uint t
             a[b] = mix(vec4(0.0), texel, bvec4(index[b] >= 0));
         }
         [[unroll]] for (uint c = 0; c < BLOCK4 * 4; c++) {
-            vec4 wc = subgroupShuffle(w[c / 8], c % 8);
+            vec4 wc = lane_shuffle(w[c / 8], c % 8);
             [[unroll]] for (int b = 0; b < PIXELS; b++) {
                 acc[b][c] += a[b].x * wc.x;
                 acc[b][c] += a[b].y * wc.y;

@@ -18,11 +18,11 @@ void gemm_tile(int lane, int row0, int block0, int last_row, int k4) {
     do {
         vec4 w[BLOCKS];
         [[unroll]] for (int b = 0; b < BLOCKS; ++b) {
-            w[b] = imageLoad(w_tex, w0 + (b * k4 + t) * 8);
+            w[b] = texel_load(w_tex, w0 + (b * k4 + t) * 8);
         }
-        vec4 rows[2] = vec4[2](imageLoad(a_tex, a0 + t), imageLoad(a_tex, a1 + t));
+        vec4 rows[2] = vec4[2](texel_load(a_tex, a0 + t), texel_load(a_tex, a1 + t));
         [[unroll]] for (int r = 0; r < TILE_ROWS; ++r) {
-            vec4 a = subgroupShuffle(rows[r / 8], r % 8);
+            vec4 a = lane_shuffle(rows[r / 8], r % 8);
             [[unroll]] for (int b = 0; b < BLOCKS; ++b) {
                 [[unroll]] for (int q = 0; q < 4; ++q) {
                     acc[r * BLOCKS + b] += a[q] * w[b][q];
@@ -39,7 +39,7 @@ void transpose_block(inout float v[8], int lane) {
         bool upper = (lane & bit) != 0;
         [[unroll]] for (int r = 0; r < 8; ++r) {
             if ((r & bit) == 0) {
-                float other = subgroupShuffleXor(upper ? v[r] : v[r + bit], bit);
+                float other = lane_shuffle_xor(upper ? v[r] : v[r + bit], bit);
                 v[r] = upper ? other : v[r];
                 v[r + bit] = upper ? v[r + bit] : other;
             }

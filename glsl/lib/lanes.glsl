@@ -13,15 +13,15 @@ float transposed_sum(float v[8], uint lane) {
     bool b4 = (lane & 4u) != 0u, b2 = (lane & 2u) != 0u, b1 = (lane & 1u) != 0u;
     float h[4], q[2];
     [[unroll]] for (int i = 0; i < 4; ++i)
-        h[i] = (b4 ? v[i + 4] : v[i]) + subgroupShuffleXor(b4 ? v[i] : v[i + 4], 4);
+        h[i] = (b4 ? v[i + 4] : v[i]) + lane_shuffle_xor(b4 ? v[i] : v[i + 4], 4);
     [[unroll]] for (int i = 0; i < 2; ++i)
-        q[i] = (b2 ? h[i + 2] : h[i]) + subgroupShuffleXor(b2 ? h[i] : h[i + 2], 2);
-    return (b1 ? q[1] : q[0]) + subgroupShuffleXor(b1 ? q[0] : q[1], 1);
+        q[i] = (b2 ? h[i + 2] : h[i]) + lane_shuffle_xor(b2 ? h[i] : h[i + 2], 2);
+    return (b1 ? q[1] : q[0]) + lane_shuffle_xor(b1 ? q[0] : q[1], 1);
 }
 
 // Largest value over the 8 lanes.
 float lanes_max(float v) {
-    v = max(v, subgroupShuffleXor(v, 4));
-    v = max(v, subgroupShuffleXor(v, 2));
-    return max(v, subgroupShuffleXor(v, 1));
+    v = max(v, lane_shuffle_xor(v, 4));
+    v = max(v, lane_shuffle_xor(v, 2));
+    return max(v, lane_shuffle_xor(v, 1));
 }

@@ -3,14 +3,15 @@
 //   in   offsets, N rows of OFFSET_TEXELS = n texels   v_before: v_offsets as texels
 //   out  v_offsets like offsets (=), or (+=) with ACCUMULATE   partial [groups * 8] (=)
 //   twin kernels/src/reference/loss/offset_penalty.rs   dc, rest: weight of one square; groups: 64 * TEXELS each
-#extension GL_KHR_shader_subgroup_shuffle : require
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
+#include "lib/shuffle.glsl"
 layout(constant_id = 0) const uint ACCUMULATE = 0;
 layout(constant_id = 1) const uint TEXELS = 16;
 layout(constant_id = 2) const uint OFFSET_TEXELS = 12;
 layout(push_constant) uniform Params { uint n; float dc, rest, weight; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer offsets;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer v_before;
+TEXELS_F32(0, offsets);
+TEXELS_F32(1, v_before);
 layout(set = 0, binding = 2) writeonly buffer VOffsets { vec4 v_offsets[]; };
 layout(set = 0, binding = 3) writeonly buffer Partial { float partial[]; };
 
@@ -21,19 +22,19 @@ void main() {
     uint left = TEXELS;
     do {
         if (i < p.n) {
-            vec4 d = imageLoad(offsets, int(i));
+            vec4 d = texel_load(offsets, int(i));
             vec4 share = i % OFFSET_TEXELS == 0 ? vec4(vec3(p.dc), p.rest) : vec4(p.rest);
             sum += share * d * d;
             vec4 v = 2.0 * p.weight * share * d;
-            if (ACCUMULATE != 0) v += imageLoad(v_before, int(i));
+            if (ACCUMULATE != 0) v += texel_load(v_before, int(i));
             v_offsets[i] = v;
         }
         i += 64;
         left--;
     } while (left > 0);
     float total = sum.x + sum.y + sum.z + sum.w;
-    total += subgroupShuffleXor(total, 1);
-    total += subgroupShuffleXor(total, 2);
-    total += subgroupShuffleXor(total, 4);
+    total += lane_shuffle_xor(total, 1);
+    total += lane_shuffle_xor(total, 2);
+    total += lane_shuffle_xor(total, 4);
     if (lane % 8 == 0) partial[gl_WorkGroupID.x * 8 + lane / 8] = total;
 }

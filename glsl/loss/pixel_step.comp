@@ -4,14 +4,15 @@
 //   out  v_image [.,4] at image_px (=), or (+=) with ACCUMULATE; fourth channel 0
 //   out  partial [2, groups * 8] (=): squares, absolute values; eight lanes share one
 //   twin kernels/src/reference/loss/pixel.rs   groups: 64 * PIXELS pixels each
-#extension GL_KHR_shader_subgroup_shuffle : require
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
+#include "lib/shuffle.glsl"
 layout(constant_id = 0) const uint ACCUMULATE = 0;
 layout(constant_id = 1) const uint PIXELS = 16;
 layout(push_constant) uniform Params { uint n, image_px, reference_px; float square_scale, absolute_scale; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer image;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer reference;
-layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer v_before;
+TEXELS_F32(0, image);
+TEXELS_F32(1, reference);
+TEXELS_F32(2, v_before);
 layout(set = 0, binding = 3) writeonly buffer VImage { vec4 v_image[]; };
 layout(set = 0, binding = 4) writeonly buffer Partial { float partial[]; };
 
@@ -29,20 +30,20 @@ void main() {
     uint left = PIXELS;
     do {
         if (i < end) {
-            vec3 d = imageLoad(image, int(p.image_px + i)).rgb - imageLoad(reference, int(p.reference_px + i)).rgb;
+            vec3 d = texel_load(image, int(p.image_px + i)).rgb - texel_load(reference, int(p.reference_px + i)).rgb;
             squares += d * d;
             absolutes += abs(d);
             vec3 v = p.square_scale * (2.0 * d) + p.absolute_scale * slope(d);
-            if (ACCUMULATE != 0) v += imageLoad(v_before, int(p.image_px + i)).rgb;
+            if (ACCUMULATE != 0) v += texel_load(v_before, int(p.image_px + i)).rgb;
             v_image[p.image_px + i] = vec4(v, 0.0);
         }
         i += 64;
         left--;
     } while (left > 0);
     vec2 total = vec2(squares.r + squares.g + squares.b, absolutes.r + absolutes.g + absolutes.b);
-    total += subgroupShuffleXor(total, 1);
-    total += subgroupShuffleXor(total, 2);
-    total += subgroupShuffleXor(total, 4);
+    total += lane_shuffle_xor(total, 1);
+    total += lane_shuffle_xor(total, 2);
+    total += lane_shuffle_xor(total, 4);
     uint at = gl_WorkGroupID.x * 8 + lane / 8;
     if (lane % 8 == 0) {
         partial[at] = total.x;

@@ -7,12 +7,13 @@
 #include "lib/grid.glsl"
 #include "lib/ssim.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(constant_id = 7) const uint ACCUMULATE = 0;
 layout(push_constant) uniform Params { int height, width, first_px; float scale; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer rows;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer x;
-layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer y;
-layout(set = 0, binding = 3, rgba32f) uniform readonly imageBuffer v_before;
+TEXELS_F32(0, rows);
+TEXELS_F32(1, x);
+TEXELS_F32(2, y);
+TEXELS_F32(3, v_before);
 layout(set = 0, binding = 4) writeonly buffer VX { vec4 v_x[]; };
 
 void main() {
@@ -28,18 +29,18 @@ void main() {
         int c = column + k - 5;
         bvec3 inside = bvec3(c >= 0 && c < p.width);
         int at = (row + clamp(c, 0, p.width - 1)) * 3;
-        by_mean[k] = mix(vec3(0.0), imageLoad(rows, at).rgb, inside);
-        by_square[k] = mix(vec3(0.0), imageLoad(rows, at + 1).rgb, inside);
-        by_product[k] = mix(vec3(0.0), imageLoad(rows, at + 2).rgb, inside);
+        by_mean[k] = mix(vec3(0.0), texel_load(rows, at).rgb, inside);
+        by_square[k] = mix(vec3(0.0), texel_load(rows, at + 1).rgb, inside);
+        by_product[k] = mix(vec3(0.0), texel_load(rows, at + 2).rgb, inside);
     }
     [[unroll]] for (int r = 0; r < RUN; r++) {
         if (column + r < p.width) {
             int at = p.first_px + row + column + r;
-            vec3 other = imageLoad(y, at).rgb;
-            vec3 d = imageLoad(x, at).rgb - other;
+            vec3 other = texel_load(y, at).rgb;
+            vec3 d = texel_load(x, at).rgb - other;
             vec3 v = window(by_mean, r) + other * window(by_product, r);
             v = p.scale * (v + 2.0 * d * window(by_square, r));
-            if (ACCUMULATE != 0) v += imageLoad(v_before, at).rgb;
+            if (ACCUMULATE != 0) v += texel_load(v_before, at).rgb;
             v_x[at] = vec4(v, 0.0);
         }
     }

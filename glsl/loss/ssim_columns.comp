@@ -6,8 +6,9 @@
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/ssim.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { int height, width; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer slopes;
+TEXELS_F32(0, slopes);
 layout(set = 0, binding = 1) writeonly buffer Rows { vec4 rows[]; };
 
 void main() {
@@ -18,7 +19,7 @@ void main() {
         [[unroll]] for (int k = 0; k < RUN + 10; k++) {
             int r = row + k - 5;
             int at = (clamp(r, 0, p.height - 1) * p.width + min(column, p.width - 1)) * 3 + plane;
-            v[k] = mix(vec3(0.0), imageLoad(slopes, at).rgb, bvec3(r >= 0 && r < p.height));
+            v[k] = mix(vec3(0.0), texel_load(slopes, at).rgb, bvec3(r >= 0 && r < p.height));
         }
         [[unroll]] for (int r = 0; r < RUN; r++) {
             if (column < p.width && row + r < p.height) {

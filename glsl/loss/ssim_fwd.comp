@@ -5,13 +5,14 @@
 //   twin kernels/src/reference/loss/ssim.rs   groups: x = 64 columns, y = runs of rows
 //   Wang et al. 2004, eq. 13 is (1 - l)(1 - s) with l = mean(d)^2 / (mean(x)^2 + mean(y)^2 + C1) and
 //   s = var(d) / (var(x) + var(y) + C2): nothing cancels where x is near y
-#extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/ssim.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
+#include "lib/shuffle.glsl"
 layout(push_constant) uniform Params { int height, width, first_px; uint first_partial; float c1, c2; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer rows;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer moments;
+TEXELS_F32(0, rows);
+TEXELS_F32(1, moments);
 layout(set = 0, binding = 2) writeonly buffer Slopes { vec4 slopes[]; };
 layout(set = 0, binding = 3) writeonly buffer Partial { float partial[]; };
 
@@ -25,21 +26,21 @@ void main() {
         int r = row + k - 5;
         bvec3 inside = bvec3(r >= 0 && r < p.height);
         int at = (clamp(r, 0, p.height - 1) * p.width + min(column, p.width - 1)) * 3;
-        a[k] = mix(vec3(0.0), imageLoad(rows, at).rgb, inside);
-        aa[k] = mix(vec3(0.0), imageLoad(rows, at + 1).rgb, inside);
-        ab[k] = mix(vec3(0.0), imageLoad(rows, at + 2).rgb, inside);
+        a[k] = mix(vec3(0.0), texel_load(rows, at).rgb, inside);
+        aa[k] = mix(vec3(0.0), texel_load(rows, at + 1).rgb, inside);
+        ab[k] = mix(vec3(0.0), texel_load(rows, at + 2).rgb, inside);
     }
     vec3 total = vec3(0.0);
     [[unroll]] for (int r = 0; r < RUN; r++) {
         if (column < p.width && row + r < p.height) {
             int at = (row + r) * p.width + column;
             vec3 md = window(a, r);
-            vec3 my = imageLoad(moments, (p.first_px + at) * 2).rgb;
+            vec3 my = texel_load(moments, (p.first_px + at) * 2).rgb;
             vec3 mx = my + md;
             vec3 var_d = window(aa, r) - md * md;
             vec3 cov = window(ab, r) - md * my;
             vec3 inv1 = 1.0 / (mx * mx + my * my + p.c1);
-            vec3 inv2 = 1.0 / (2.0 * (imageLoad(moments, (p.first_px + at) * 2 + 1).rgb + cov) + var_d + p.c2);
+            vec3 inv2 = 1.0 / (2.0 * (texel_load(moments, (p.first_px + at) * 2 + 1).rgb + cov) + var_d + p.c2);
             vec3 l = md * md * inv1;
             vec3 s = var_d * inv2;
             total += l + s - l * s;
@@ -52,9 +53,9 @@ void main() {
         }
     }
     float sum = total.r + total.g + total.b;
-    sum += subgroupShuffleXor(sum, 1);
-    sum += subgroupShuffleXor(sum, 2);
-    sum += subgroupShuffleXor(sum, 4);
+    sum += lane_shuffle_xor(sum, 1);
+    sum += lane_shuffle_xor(sum, 2);
+    sum += lane_shuffle_xor(sum, 4);
     uint group = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
     uint lane = gl_LocalInvocationID.x;
     if (lane % 8 == 0) partial[p.first_partial + group * 8 + lane / 8] = sum;

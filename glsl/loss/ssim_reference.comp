@@ -6,8 +6,9 @@
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/ssim.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { int height, width, first_px; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer rows;
+TEXELS_F32(0, rows);
 layout(set = 0, binding = 1) writeonly buffer Moments { vec4 moments[]; };
 
 void main() {
@@ -19,8 +20,8 @@ void main() {
         int r = row + k - 5;
         bvec3 inside = bvec3(r >= 0 && r < p.height);
         int at = (clamp(r, 0, p.height - 1) * p.width + min(column, p.width - 1)) * 3;
-        a[k] = mix(vec3(0.0), imageLoad(rows, at).rgb, inside);
-        aa[k] = mix(vec3(0.0), imageLoad(rows, at + 1).rgb, inside);
+        a[k] = mix(vec3(0.0), texel_load(rows, at).rgb, inside);
+        aa[k] = mix(vec3(0.0), texel_load(rows, at + 1).rgb, inside);
     }
     [[unroll]] for (int r = 0; r < RUN; r++) {
         if (column < p.width && row + r < p.height) {

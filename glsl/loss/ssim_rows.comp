@@ -8,10 +8,11 @@
 #include "lib/grid.glsl"
 #include "lib/ssim.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(constant_id = 7) const uint REFERENCE = 0;
 layout(push_constant) uniform Params { int height, width, first_px; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer y;
+TEXELS_F32(0, x);
+TEXELS_F32(1, y);
 layout(set = 0, binding = 2) writeonly buffer Rows { vec4 rows[]; };
 
 void main() {
@@ -27,8 +28,8 @@ void main() {
         int c = column + k - 5;
         bvec3 inside = bvec3(c >= 0 && c < p.width);
         int at = p.first_px + row + clamp(c, 0, p.width - 1);
-        vec3 other = imageLoad(y, at).rgb;
-        vec3 d = imageLoad(x, at).rgb;
+        vec3 other = texel_load(y, at).rgb;
+        vec3 d = texel_load(x, at).rgb;
         if (REFERENCE == 0) d -= other;
         a[k] = mix(vec3(0.0), d, inside);
         aa[k] = a[k] * a[k];

@@ -6,15 +6,16 @@
 #include "lib/activation.glsl"
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(constant_id = 0) const uint KIND = 1;
 layout(push_constant) uniform Params { uint n4; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x_tex;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer v_y_tex;
+TEXELS_F32(0, x_tex);
+TEXELS_F32(1, v_y_tex);
 layout(set = 0, binding = 2) writeonly buffer VX { vec4 v_x[]; };
 
 void main() {
     uint i = global_index();
     if (i < p.n4) {
-        v_x[i] = imageLoad(v_y_tex, int(i)) * activate_grad4(KIND, imageLoad(x_tex, int(i)));
+        v_x[i] = texel_load(v_y_tex, int(i)) * activate_grad4(KIND, texel_load(x_tex, int(i)));
     }
 }

@@ -6,14 +6,15 @@
 #include "lib/activation.glsl"
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(constant_id = 0) const uint KIND = 1;
 layout(push_constant) uniform Params { uint n4; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x_tex;
+TEXELS_F32(0, x_tex);
 layout(set = 0, binding = 1) writeonly buffer Y { vec4 y[]; };
 
 void main() {
     uint i = global_index();
     if (i < p.n4) {
-        y[i] = activate4(KIND, imageLoad(x_tex, int(i)));
+        y[i] = activate4(KIND, texel_load(x_tex, int(i)));
     }
 }

@@ -5,10 +5,11 @@
 //   twin kernels/src/reference/nn/attention.rs   Dao et al. 2022, appendix B.4
 #include "lib/grid.glsl"
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
 layout(constant_id = 0) const int HEAD_DIM = 64;
 layout(push_constant) uniform Params { uint total; uint heads; uint queries; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer attn_tex;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer v_attn_tex;
+TEXELS_F32(0, attn_tex);
+TEXELS_F32(1, v_attn_tex);
 layout(set = 0, binding = 2) writeonly buffer Delta { float delta[]; };
 
 void main() {
@@ -17,7 +18,7 @@ void main() {
     vec4 sum = vec4(0.0);
     int t = 0;
     do {
-        sum += imageLoad(attn_tex, at + t) * imageLoad(v_attn_tex, at + t);
+        sum += texel_load(attn_tex, at + t) * texel_load(v_attn_tex, at + t);
     } while (++t < HEAD_DIM / 4);
     if (i < p.total) {
         uint row = i / p.heads;

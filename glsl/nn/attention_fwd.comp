@@ -4,15 +4,16 @@
 //   out  attn [B*queries, heads*HEAD_DIM] (=)   lse [B, heads, queries] (=), base-2 logarithm of the softmax denominators
 //   One subgroup of eight lanes per (16 queries, head, image). CAUSAL = 1: query i sees keys 0 ..= keys - queries + i.
 //   twin kernels/src/reference/nn/attention.rs
-#extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_EXT_control_flow_attributes : require
 
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
+#include "lib/shuffle.glsl"
 layout(constant_id = 0) const int HEAD_DIM = 64;
 layout(constant_id = 1) const uint CAUSAL = 0;
 layout(push_constant) uniform Params { int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer q_tex;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer kv_tex;
+TEXELS_F32(0, q_tex);
+TEXELS_F32(1, kv_tex);
 layout(set = 0, binding = 2) writeonly buffer Attn { vec4 attn[]; };
 layout(set = 0, binding = 3) writeonly buffer Lse { float lse[]; };
 
@@ -53,10 +54,10 @@ void main() {
         int k1 = k_base + min(key0 + 8 + lane, p.keys - 1) * p.kv_stride;
         int t = 0;
         do {
-            vec4 left0 = imageLoad(q_tex, q0 + t) * scale;
-            vec4 left1 = imageLoad(q_tex, q1 + t) * scale;
-            vec4 right0 = imageLoad(kv_tex, k0 + t);
-            vec4 right1 = imageLoad(kv_tex, k1 + t);
+            vec4 left0 = texel_load(q_tex, q0 + t) * scale;
+            vec4 left1 = texel_load(q_tex, q1 + t) * scale;
+            vec4 right0 = texel_load(kv_tex, k0 + t);
+            vec4 right1 = texel_load(kv_tex, k1 + t);
             ADD_SCORES(s, left0, left1, right0, right1)
         } while (++t < TEXELS);
 
@@ -78,8 +79,8 @@ void main() {
         top0 = new0;
         top1 = new1;
         [[unroll]] for (int r = 0; r < TILE; ++r) {
-            float row_top = r < 8 ? subgroupShuffle(new0, r) : subgroupShuffle(new1, r - 8);
-            float fade = r < 8 ? subgroupShuffle(fade0, r) : subgroupShuffle(fade1, r - 8);
+            float row_top = r < 8 ? lane_shuffle(new0, r) : lane_shuffle(new1, r - 8);
+            float fade = r < 8 ? lane_shuffle(fade0, r) : lane_shuffle(fade1, r - 8);
             s[r] = exp2(s[r] - row_top);
             s[r + 16] = exp2(s[r + 16] - row_top);
             sum[r] = sum[r] * fade + (s[r] + s[r + 16]);
@@ -99,12 +100,12 @@ void main() {
                 int v_row = v_base + min(key0 + j + u, p.keys - 1) * p.kv_stride;
                 bool exists = key0 + j + u < p.keys;
                 [[unroll]] for (int i = 0; i < SLICES; ++i) {
-                    value[u * SLICES + i] = texel_or_zero(exists, imageLoad(kv_tex, v_row + min(lane + 8 * i, TEXELS - 1)));
+                    value[u * SLICES + i] = texel_or_zero(exists, texel_load(kv_tex, v_row + min(lane + 8 * i, TEXELS - 1)));
                 }
             }
             [[unroll]] for (int r = 0; r < TILE; ++r) {
                 [[unroll]] for (int u = 0; u < 4; ++u) {
-                    float w = subgroupShuffle(weight[r], (j & 7) + u);
+                    float w = lane_shuffle(weight[r], (j & 7) + u);
                     bool seen = CAUSAL == 0u || key0 + j + u <= first_key + r;
                     [[unroll]] for (int i = 0; i < SLICES; ++i) {
                         o[r * SLICES + i] += masked_term(seen, w, value[u * SLICES + i]);

@@ -4,16 +4,17 @@
 //   out  v_kv rows [B*keys, kv_stride texels] (=), the key and value parts only
 //   One subgroup of eight lanes per (16 keys, head, image). v_v = P^T*v_attn, v_k = scale * dS^T*Q.
 //   twin kernels/src/reference/nn/attention.rs   Dao et al. 2022, algorithm 4
-#extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_EXT_control_flow_attributes : require
 
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
+#include "lib/shuffle.glsl"
 layout(constant_id = 0) const int HEAD_DIM = 64;
 layout(constant_id = 1) const uint CAUSAL = 0;
 layout(push_constant) uniform Params { int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer q_tex;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer kv_tex;
-layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer v_attn_tex;
+TEXELS_F32(0, q_tex);
+TEXELS_F32(1, kv_tex);
+TEXELS_F32(2, v_attn_tex);
 layout(set = 0, binding = 3) readonly buffer Lse { float lse[]; };
 layout(set = 0, binding = 4) readonly buffer Delta { float delta[]; };
 layout(set = 0, binding = 5) writeonly buffer VKv { vec4 v_kv[]; };
@@ -54,15 +55,15 @@ void main() {
         }
         int t = 0;
         do {
-            vec4 left0 = imageLoad(kv_tex, k_base + low_row + t) * (p.scale * LOG2_E);
-            vec4 left1 = imageLoad(kv_tex, k_base + high_row + t) * (p.scale * LOG2_E);
-            vec4 right0 = imageLoad(q_tex, q_base + low_query * p.q_stride + t);
-            vec4 right1 = imageLoad(q_tex, q_base + high_query * p.q_stride + t);
+            vec4 left0 = texel_load(kv_tex, k_base + low_row + t) * (p.scale * LOG2_E);
+            vec4 left1 = texel_load(kv_tex, k_base + high_row + t) * (p.scale * LOG2_E);
+            vec4 right0 = texel_load(q_tex, q_base + low_query * p.q_stride + t);
+            vec4 right1 = texel_load(q_tex, q_base + high_query * p.q_stride + t);
             ADD_SCORES(s, left0, left1, right0, right1)
-            vec4 value0 = imageLoad(kv_tex, v_base + low_row + t);
-            vec4 value1 = imageLoad(kv_tex, v_base + high_row + t);
-            vec4 grad0 = imageLoad(v_attn_tex, g_base + low_query * g_stride + t);
-            vec4 grad1 = imageLoad(v_attn_tex, g_base + high_query * g_stride + t);
+            vec4 value0 = texel_load(kv_tex, v_base + low_row + t);
+            vec4 value1 = texel_load(kv_tex, v_base + high_row + t);
+            vec4 grad0 = texel_load(v_attn_tex, g_base + low_query * g_stride + t);
+            vec4 grad1 = texel_load(v_attn_tex, g_base + high_query * g_stride + t);
             ADD_SCORES(dp, value0, value1, grad0, grad1)
         } while (++t < TEXELS);
         float lse0 = lse[stat + low_query];
@@ -93,14 +94,14 @@ void main() {
                 bool exists = query0 + j + u < p.queries;
                 [[unroll]] for (int i = 0; i < SLICES; ++i) {
                     int texel = min(lane + 8 * i, TEXELS - 1);
-                    grad[u * SLICES + i] = texel_or_zero(exists, imageLoad(v_attn_tex, g_base + query * g_stride + texel));
-                    left[u * SLICES + i] = texel_or_zero(exists, imageLoad(q_tex, q_base + query * p.q_stride + texel));
+                    grad[u * SLICES + i] = texel_or_zero(exists, texel_load(v_attn_tex, g_base + query * g_stride + texel));
+                    left[u * SLICES + i] = texel_or_zero(exists, texel_load(q_tex, q_base + query * p.q_stride + texel));
                 }
             }
             [[unroll]] for (int r = 0; r < TILE; ++r) {
                 [[unroll]] for (int u = 0; u < 4; ++u) {
-                    float w = subgroupShuffle(weight[r], (j & 7) + u);
-                    float d = subgroupShuffle(slope[r], (j & 7) + u);
+                    float w = lane_shuffle(weight[r], (j & 7) + u);
+                    float d = lane_shuffle(slope[r], (j & 7) + u);
                     bool seen = CAUSAL == 0u || query0 + j + u >= row0 + r - diagonal;
                     [[unroll]] for (int i = 0; i < SLICES; ++i) {
                         acc_v[r * SLICES + i] += masked_term(seen, w, grad[u * SLICES + i]);

@@ -4,16 +4,17 @@
 //   out  v_q rows [B*queries, q_stride texels] (=), the query part only
 //   One subgroup of eight lanes per (16 queries, head, image). dS = P*(v_attn.V - delta), v_q = scale * dS*K.
 //   twin kernels/src/reference/nn/attention.rs
-#extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_EXT_control_flow_attributes : require
 
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
+#include "lib/shuffle.glsl"
 layout(constant_id = 0) const int HEAD_DIM = 64;
 layout(constant_id = 1) const uint CAUSAL = 0;
 layout(push_constant) uniform Params { int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer q_tex;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer kv_tex;
-layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer v_attn_tex;
+TEXELS_F32(0, q_tex);
+TEXELS_F32(1, kv_tex);
+TEXELS_F32(2, v_attn_tex);
 layout(set = 0, binding = 3) readonly buffer Lse { float lse[]; };
 layout(set = 0, binding = 4) readonly buffer Delta { float delta[]; };
 layout(set = 0, binding = 5) writeonly buffer VQ { vec4 v_q[]; };
@@ -60,21 +61,21 @@ void main() {
         int high_key = min(key0 + 8 + lane, p.keys - 1) * p.kv_stride;
         int t = 0;
         do {
-            vec4 left0 = imageLoad(q_tex, q0 + t) * (p.scale * LOG2_E);
-            vec4 left1 = imageLoad(q_tex, q1 + t) * (p.scale * LOG2_E);
-            vec4 right0 = imageLoad(kv_tex, k_base + low_key + t);
-            vec4 right1 = imageLoad(kv_tex, k_base + high_key + t);
+            vec4 left0 = texel_load(q_tex, q0 + t) * (p.scale * LOG2_E);
+            vec4 left1 = texel_load(q_tex, q1 + t) * (p.scale * LOG2_E);
+            vec4 right0 = texel_load(kv_tex, k_base + low_key + t);
+            vec4 right1 = texel_load(kv_tex, k_base + high_key + t);
             ADD_SCORES(s, left0, left1, right0, right1)
-            vec4 grad0 = imageLoad(v_attn_tex, g0 + t);
-            vec4 grad1 = imageLoad(v_attn_tex, g1 + t);
-            vec4 value0 = imageLoad(kv_tex, v_base + low_key + t);
-            vec4 value1 = imageLoad(kv_tex, v_base + high_key + t);
+            vec4 grad0 = texel_load(v_attn_tex, g0 + t);
+            vec4 grad1 = texel_load(v_attn_tex, g1 + t);
+            vec4 value0 = texel_load(kv_tex, v_base + low_key + t);
+            vec4 value1 = texel_load(kv_tex, v_base + high_key + t);
             ADD_SCORES(dp, grad0, grad1, value0, value1)
         } while (++t < TEXELS);
         [[unroll]] for (int r = 0; r < TILE; ++r) {
             int limit = CAUSAL == 1u ? min(key_end, first_key + r + 1) : p.keys;
-            float row_lse = r < 8 ? subgroupShuffle(lse0, r) : subgroupShuffle(lse1, r - 8);
-            float row_delta = r < 8 ? subgroupShuffle(delta0, r) : subgroupShuffle(delta1, r - 8);
+            float row_lse = r < 8 ? lane_shuffle(lse0, r) : lane_shuffle(lse1, r - 8);
+            float row_delta = r < 8 ? lane_shuffle(delta0, r) : lane_shuffle(delta1, r - 8);
             float low = exp2(s[r] - row_lse) * (dp[r] - row_delta);
             float high = exp2(s[r + 16] - row_lse) * (dp[r + 16] - row_delta);
             s[r] = key0 + lane < limit ? low : 0.0;
@@ -91,12 +92,12 @@ void main() {
                 int k_row = k_base + min(key0 + j + u, p.keys - 1) * p.kv_stride;
                 bool exists = key0 + j + u < p.keys;
                 [[unroll]] for (int i = 0; i < SLICES; ++i) {
-                    key[u * SLICES + i] = texel_or_zero(exists, imageLoad(kv_tex, k_row + min(lane + 8 * i, TEXELS - 1)));
+                    key[u * SLICES + i] = texel_or_zero(exists, texel_load(kv_tex, k_row + min(lane + 8 * i, TEXELS - 1)));
                 }
             }
             [[unroll]] for (int r = 0; r < TILE; ++r) {
                 [[unroll]] for (int u = 0; u < 4; ++u) {
-                    float w = subgroupShuffle(weight[r], (j & 7) + u);
+                    float w = lane_shuffle(weight[r], (j & 7) + u);
                     bool seen = CAUSAL == 0u || key0 + j + u <= first_key + r;
                     [[unroll]] for (int i = 0; i < SLICES; ++i) {
                         acc[r * SLICES + i] += masked_term(seen, w, key[u * SLICES + i]);

@@ -5,12 +5,13 @@
 //   twin kernels/src/reference/nn/axpy.rs
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint n; float scale; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer v_y;
+TEXELS_F32(0, v_y);
 layout(set = 0, binding = 1) writeonly buffer VDelta { vec4 v_delta[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.n) return;
-    v_delta[i] = p.scale * imageLoad(v_y, int(i));
+    v_delta[i] = p.scale * texel_load(v_y, int(i));
 }

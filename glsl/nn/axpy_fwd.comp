@@ -5,13 +5,14 @@
 //   twin kernels/src/reference/nn/axpy.rs
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint n; float scale; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer delta;
+TEXELS_F32(0, x);
+TEXELS_F32(1, delta);
 layout(set = 0, binding = 2) writeonly buffer Y { vec4 y[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.n) return;
-    y[i] = imageLoad(x, int(i)) + p.scale * imageLoad(delta, int(i));
+    y[i] = texel_load(x, int(i)) + p.scale * texel_load(delta, int(i));
 }

@@ -5,8 +5,9 @@
 //   twin kernels/src/reference/nn/column_sum.rs   rows are added in order, so the result is deterministic
 #include "lib/grid.glsl"
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint rows; uint width; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x_tex;
+TEXELS_F32(0, x_tex);
 layout(set = 0, binding = 1) writeonly buffer Sum { vec4 sum[]; };
 
 void main() {
@@ -16,7 +17,7 @@ void main() {
     vec4 acc = vec4(0.0);
     uint row = 0u;
     do {
-        acc += imageLoad(x_tex, at);
+        acc += texel_load(x_tex, at);
         at += int(texels);
     } while (++row < p.rows);
     if (i < texels) {

@@ -3,9 +3,10 @@
 //   in   v_y [F,H,W,Co]   weight_t [27,Co/4,Ci,4]   gate [F,H,W,Ci], read with GATE only
 //   out  v_x [F,H,W,Ci] (=), with GATE zero where gate <= 0: the derivative of the ReLU that made the input
 //   twin kernels/src/reference/nn/conv3d.rs   groups: x = 32-pixel spans, y = rows, z = frame, input block
-#extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_EXT_control_flow_attributes : require
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
+#include "lib/shuffle.glsl"
 layout(constant_id = 0) const uint DEPTH4 = 4;
 layout(constant_id = 1) const uint WIDTH4 = 4;
 layout(constant_id = 2) const uint BLOCK4 = 4;
@@ -13,12 +14,12 @@ layout(constant_id = 3) const uint PAD_T = 0;
 layout(constant_id = 4) const uint PAD_XY = 0;
 layout(constant_id = 5) const uint GATE = 0;
 layout(push_constant) uniform Params { int frames, height, width; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer v_y;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer weight_t;
-layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer gate;
+TEXELS_F32(0, v_y);
+TEXELS_F32(1, weight_t);
+TEXELS_F32(2, gate);
 layout(set = 0, binding = 3) writeonly buffer VX { vec4 v_x[]; };
-#define CONV3D_SOURCE(i) imageLoad(v_y, i)
-#define CONV3D_WEIGHT(i) imageLoad(weight_t, i)
+#define CONV3D_SOURCE(i) texel_load(v_y, i)
+#define CONV3D_WEIGHT(i) texel_load(weight_t, i)
 #include "lib/conv3d.glsl"
 #include "lib/conv3d_block.glsl"
 
@@ -63,7 +64,7 @@ void main() {
             uint at = uint((frame * p.height + row) * p.width + column + b * 8) * WIDTH4 + first;
             [[unroll]] for (uint c = 0; c < BLOCK4; c++) {
                 vec4 v = vec4(acc[b][c * 4], acc[b][c * 4 + 1], acc[b][c * 4 + 2], acc[b][c * 4 + 3]);
-                if (GATE != 0) v = mix(v, vec4(0.0), lessThanEqual(imageLoad(gate, int(at + c)), vec4(0.0)));
+                if (GATE != 0) v = mix(v, vec4(0.0), lessThanEqual(texel_load(gate, int(at + c)), vec4(0.0)));
                 v_x[at + c] = v;
             }
         }

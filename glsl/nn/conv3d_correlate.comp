@@ -3,9 +3,10 @@
 //   in   x [F,H,W,Ci]   v_y [F,H,W,Co]
 //   out  partial [chunks, 27*(Ci/4)*Co, 4] (=) in weight order, with BIAS Co more behind each
 //   twin kernels/src/reference/nn/conv3d.rs   groups: x = chunk, y = tap, z = input block, output block
-#extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_EXT_control_flow_attributes : require
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
+#include "lib/shuffle.glsl"
 layout(constant_id = 0) const uint IN4 = 4;
 layout(constant_id = 1) const uint OUT4 = 4;
 layout(constant_id = 2) const uint IN_BLOCK4 = 4;
@@ -15,15 +16,15 @@ layout(constant_id = 5) const uint PAD_XY = 0;
 layout(constant_id = 6) const uint BIAS = 0;
 layout(constant_id = 7) const int UNROLL = 4;
 layout(push_constant) uniform Params { int frames, height, width, chunk_rows; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer v_y;
+TEXELS_F32(0, x);
+TEXELS_F32(1, v_y);
 layout(set = 0, binding = 2) writeonly buffer Partial { vec4 partial[]; };
 #include "lib/conv3d.glsl"
 
 vec4 lane_sum(vec4 v) {
-    v += subgroupShuffleXor(v, 1);
-    v += subgroupShuffleXor(v, 2);
-    return v + subgroupShuffleXor(v, 4);
+    v += lane_shuffle_xor(v, 1);
+    v += lane_shuffle_xor(v, 2);
+    return v + lane_shuffle_xor(v, 4);
 }
 
 void main() {
@@ -52,14 +53,14 @@ void main() {
                 bool reads = inside && st >= 0 && sy >= 0 && sx >= 0;
                 vec4 g[OUT_BLOCK4];
                 [[unroll]] for (uint c = 0; c < OUT_BLOCK4; c++) {
-                    vec4 texel = imageLoad(v_y, (row * p.width + here) * int(OUT4) + int(out_first + c));
+                    vec4 texel = texel_load(v_y, (row * p.width + here) * int(OUT4) + int(out_first + c));
                     if (BIAS != 0) bias[c] += mix(vec4(0.0), texel, bvec4(inside));
                     g[c] = mix(vec4(0.0), texel, bvec4(reads));
                 }
                 int from = reads ? (st * p.height + sy) * p.width + sx : 0;
                 [[unroll]] for (uint i = 0; i < IN_BLOCK4; i++) {
                     // Both factors become 0: the texel read instead may hold a NaN that this tap never meets.
-                    vec4 a = mix(vec4(0.0), imageLoad(x, from * int(IN4) + int(in_first + i)), bvec4(reads));
+                    vec4 a = mix(vec4(0.0), texel_load(x, from * int(IN4) + int(in_first + i)), bvec4(reads));
                     [[unroll]] for (uint c = 0; c < OUT_BLOCK4 * 4; c++) acc[i][c] += a * g[c / 4][c % 4];
                 }
                 column += 8;

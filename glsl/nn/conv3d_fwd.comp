@@ -3,9 +3,10 @@
 //   in   x [F,H,W,Ci]   weight [27,Ci/4,Co,4] and, with BIAS, [Co] behind it
 //   out  y [F,H,W,Co] (=), max(0, y) with RELU
 //   twin kernels/src/reference/nn/conv3d.rs   groups: x = 32-pixel spans, y = rows, z = frame, output block
-#extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_EXT_control_flow_attributes : require
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
+#include "lib/shuffle.glsl"
 layout(constant_id = 0) const uint DEPTH4 = 4;
 layout(constant_id = 1) const uint WIDTH4 = 4;
 layout(constant_id = 2) const uint BLOCK4 = 4;
@@ -14,11 +15,11 @@ layout(constant_id = 4) const uint PAD_XY = 0;
 layout(constant_id = 5) const uint BIAS = 0;
 layout(constant_id = 6) const uint RELU = 0;
 layout(push_constant) uniform Params { int frames, height, width; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer weight;
+TEXELS_F32(0, x);
+TEXELS_F32(1, weight);
 layout(set = 0, binding = 2) writeonly buffer Y { vec4 y[]; };
-#define CONV3D_SOURCE(i) imageLoad(x, i)
-#define CONV3D_WEIGHT(i) imageLoad(weight, i)
+#define CONV3D_SOURCE(i) texel_load(x, i)
+#define CONV3D_WEIGHT(i) texel_load(weight, i)
 #include "lib/conv3d.glsl"
 #include "lib/conv3d_block.glsl"
 
@@ -31,7 +32,7 @@ void main() {
 
     float acc[PIXELS][MAX_CHANNELS];
     [[unroll]] for (uint c = 0; c < BLOCK4 * 4; c++) {
-        float bias = BIAS == 0 ? 0.0 : imageLoad(weight, int(27 * DEPTH4 * WIDTH4 * 4 + first + c / 4))[c % 4];
+        float bias = BIAS == 0 ? 0.0 : texel_load(weight, int(27 * DEPTH4 * WIDTH4 * 4 + first + c / 4))[c % 4];
         [[unroll]] for (int b = 0; b < PIXELS; b++) acc[b][c] = bias;
     }
     uint tap = 0;

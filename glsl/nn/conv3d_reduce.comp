@@ -5,9 +5,10 @@
 //   twin kernels/src/reference/nn/conv3d.rs
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(constant_id = 0) const uint ACCUMULATE = 0;
 layout(push_constant) uniform Params { uint texels, stride, chunks; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer partial;
+TEXELS_F32(0, partial);
 layout(set = 0, binding = 1) buffer VWeight { vec4 v_weight[]; };
 
 void main() {
@@ -16,7 +17,7 @@ void main() {
     vec4 sum = vec4(0.0);
     uint chunk = 0;
     do {
-        sum += imageLoad(partial, int(chunk * p.stride + i));
+        sum += texel_load(partial, int(chunk * p.stride + i));
         chunk++;
     } while (chunk < p.chunks);
     if (ACCUMULATE != 0) sum += v_weight[i];

@@ -5,10 +5,11 @@
 //   twin kernels/src/reference/nn/embedding.rs   an id >= vocab reads the last row; the host refuses it first
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint rows; uint tokens; uint width; uint vocab; } p;
 layout(set = 0, binding = 0) readonly buffer Ids { uint ids[]; };
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer table_tex;
-layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer position_tex;
+TEXELS_F32(1, table_tex);
+TEXELS_F32(2, position_tex);
 layout(set = 0, binding = 3) writeonly buffer Y { vec4 y[]; };
 
 void main() {
@@ -18,6 +19,6 @@ void main() {
         uint row = i / texels;
         uint t = i % texels;
         uint id = min(ids[row], p.vocab - 1u);
-        y[i] = imageLoad(table_tex, int(id * texels + t)) + imageLoad(position_tex, int((row % p.tokens) * texels + t));
+        y[i] = texel_load(table_tex, int(id * texels + t)) + texel_load(position_tex, int((row % p.tokens) * texels + t));
     }
 }

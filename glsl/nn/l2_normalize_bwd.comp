@@ -5,9 +5,10 @@
 //   twin kernels/src/reference/nn/l2_normalize.rs   a zero row gives NaN, as in the forward pass
 #include "lib/grid.glsl"
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint rows; uint width; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x_tex;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer v_y_tex;
+TEXELS_F32(0, x_tex);
+TEXELS_F32(1, v_y_tex);
 layout(set = 0, binding = 2) writeonly buffer VX { vec4 v_x[]; };
 
 void main() {
@@ -18,16 +19,16 @@ void main() {
     vec4 cross_sum = vec4(0.0);
     int t = 0;
     do {
-        vec4 x = imageLoad(x_tex, x0 + t);
+        vec4 x = texel_load(x_tex, x0 + t);
         square += x * x;
-        cross_sum += x * imageLoad(v_y_tex, x0 + t);
+        cross_sum += x * texel_load(v_y_tex, x0 + t);
     } while (++t < texels);
     float norm_sq = square.x + square.y + square.z + square.w;
     float norm = sqrt(norm_sq);
     float along = (cross_sum.x + cross_sum.y + cross_sum.z + cross_sum.w) / norm_sq;
     t = 0;
     do {
-        vec4 v = (imageLoad(v_y_tex, x0 + t) - imageLoad(x_tex, x0 + t) * along) / norm;
+        vec4 v = (texel_load(v_y_tex, x0 + t) - texel_load(x_tex, x0 + t) * along) / norm;
         if (row < p.rows) {
             v_x[x0 + t] = v;
         }

@@ -5,8 +5,9 @@
 //   twin kernels/src/reference/nn/l2_normalize.rs
 #include "lib/grid.glsl"
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint rows; uint width; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x_tex;
+TEXELS_F32(0, x_tex);
 layout(set = 0, binding = 1) writeonly buffer Y { vec4 y[]; };
 
 void main() {
@@ -16,13 +17,13 @@ void main() {
     vec4 square = vec4(0.0);
     int t = 0;
     do {
-        vec4 x = imageLoad(x_tex, x0 + t);
+        vec4 x = texel_load(x_tex, x0 + t);
         square += x * x;
     } while (++t < texels);
     float norm = sqrt(square.x + square.y + square.z + square.w);
     t = 0;
     do {
-        vec4 out4 = imageLoad(x_tex, x0 + t) / norm;
+        vec4 out4 = texel_load(x_tex, x0 + t) / norm;
         if (row < p.rows) {
             y[x0 + t] = out4;
         }

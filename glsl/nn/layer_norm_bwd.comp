@@ -6,12 +6,13 @@
 //   twin kernels/src/reference/nn/layer_norm.rs
 #include "lib/grid.glsl"
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
 layout(constant_id = 0) const uint ADD = 0;
 layout(push_constant) uniform Params { uint rows; uint width; uint row_step; uint row_offset; float eps; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x_tex;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer gamma_tex;
-layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer v_y_tex;
-layout(set = 0, binding = 3, rgba32f) uniform readonly imageBuffer v_residual_tex;
+TEXELS_F32(0, x_tex);
+TEXELS_F32(1, gamma_tex);
+TEXELS_F32(2, v_y_tex);
+TEXELS_F32(3, v_residual_tex);
 layout(set = 0, binding = 4) writeonly buffer VX { vec4 v_x[]; };
 
 float total(vec4 v) {
@@ -29,8 +30,8 @@ void main() {
     vec4 sum_g = vec4(0.0);
     int t = 0;
     do {
-        sum += imageLoad(x_tex, x0 + t);
-        sum_g += imageLoad(v_y_tex, y0 + t) * imageLoad(gamma_tex, t);
+        sum += texel_load(x_tex, x0 + t);
+        sum_g += texel_load(v_y_tex, y0 + t) * texel_load(gamma_tex, t);
     } while (++t < texels);
     float mean = total(sum) * inv_width;
     float mean_g = total(sum_g) * inv_width;
@@ -38,18 +39,18 @@ void main() {
     vec4 sum_gd = vec4(0.0);
     t = 0;
     do {
-        vec4 d = imageLoad(x_tex, x0 + t) - mean;
+        vec4 d = texel_load(x_tex, x0 + t) - mean;
         square += d * d;
-        sum_gd += imageLoad(v_y_tex, y0 + t) * imageLoad(gamma_tex, t) * d;
+        sum_gd += texel_load(v_y_tex, y0 + t) * texel_load(gamma_tex, t) * d;
     } while (++t < texels);
     float rstd = 1.0 / sqrt(total(square) * inv_width + p.eps);
     float slope = total(sum_gd) * inv_width * rstd * rstd;
     t = 0;
     do {
-        vec4 g = imageLoad(v_y_tex, y0 + t) * imageLoad(gamma_tex, t);
-        vec4 v = rstd * (g - mean_g - (imageLoad(x_tex, x0 + t) - mean) * slope);
+        vec4 g = texel_load(v_y_tex, y0 + t) * texel_load(gamma_tex, t);
+        vec4 v = rstd * (g - mean_g - (texel_load(x_tex, x0 + t) - mean) * slope);
         if (ADD == 1u) {
-            v += imageLoad(v_residual_tex, x0 + t);
+            v += texel_load(v_residual_tex, x0 + t);
         }
         if (row < p.rows) {
             v_x[x0 + t] = v;

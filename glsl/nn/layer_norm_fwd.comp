@@ -5,10 +5,11 @@
 //   twin kernels/src/reference/nn/layer_norm.rs   var is the biased variance, taken about the mean
 #include "lib/grid.glsl"
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint rows; uint width; uint row_step; uint row_offset; float eps; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x_tex;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer gamma_tex;
-layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer beta_tex;
+TEXELS_F32(0, x_tex);
+TEXELS_F32(1, gamma_tex);
+TEXELS_F32(2, beta_tex);
 layout(set = 0, binding = 3) writeonly buffer Y { vec4 y[]; };
 
 void main() {
@@ -18,21 +19,21 @@ void main() {
     vec4 sum = vec4(0.0);
     int t = 0;
     do {
-        sum += imageLoad(x_tex, x0 + t);
+        sum += texel_load(x_tex, x0 + t);
     } while (++t < texels);
     float mean = (sum.x + sum.y + sum.z + sum.w) / float(p.width);
     vec4 square = vec4(0.0);
     t = 0;
     do {
-        vec4 d = imageLoad(x_tex, x0 + t) - mean;
+        vec4 d = texel_load(x_tex, x0 + t) - mean;
         square += d * d;
     } while (++t < texels);
     float var = (square.x + square.y + square.z + square.w) / float(p.width);
     float rstd = 1.0 / sqrt(var + p.eps);
     t = 0;
     do {
-        vec4 x_hat = (imageLoad(x_tex, x0 + t) - mean) * rstd;
-        vec4 out4 = x_hat * imageLoad(gamma_tex, t) + imageLoad(beta_tex, t);
+        vec4 x_hat = (texel_load(x_tex, x0 + t) - mean) * rstd;
+        vec4 out4 = x_hat * texel_load(gamma_tex, t) + texel_load(beta_tex, t);
         if (row < p.rows) {
             y[int(row) * texels + t] = out4;
         }

@@ -3,18 +3,19 @@
 //   in   a [m, k]   w packed by nn/pack [n/8][k/4][8] vec4   bias [n]   aux [m, n], read if MODE > 0
 //   out  c [m, n] (=)   MODE 0: act(s)   MODE 1: s + aux   MODE 2: s * act'(aux), for s = A*W^T + bias
 //   twin kernels/src/reference/nn/matmul.rs   sums run over k in order, so the result is deterministic
-#extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_EXT_control_flow_attributes : require
 
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
+#include "lib/shuffle.glsl"
 layout(constant_id = 0) const int BLOCKS = 6;
 layout(constant_id = 1) const uint MODE = 0;
 layout(constant_id = 2) const uint ACTIVATION = 0;
 layout(push_constant) uniform Params { int m; int n; int k; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer a_tex;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer w_tex;
+TEXELS_F32(0, a_tex);
+TEXELS_F32(1, w_tex);
 layout(set = 0, binding = 2) readonly buffer Bias { float bias[]; };
-layout(set = 0, binding = 3, rgba32f) uniform readonly imageBuffer aux_tex;
+TEXELS_F32(3, aux_tex);
 layout(set = 0, binding = 4) writeonly buffer C { vec4 c[]; };
 
 #include "lib/activation.glsl"
@@ -22,10 +23,10 @@ layout(set = 0, binding = 4) writeonly buffer C { vec4 c[]; };
 
 vec4 epilogue(vec4 s, int at) {
     if (MODE == 1u) {
-        return s + imageLoad(aux_tex, at);
+        return s + texel_load(aux_tex, at);
     }
     if (MODE == 2u) {
-        return s * activate_grad4(ACTIVATION, imageLoad(aux_tex, at));
+        return s * activate_grad4(ACTIVATION, texel_load(aux_tex, at));
     }
     return activate4(ACTIVATION, s);
 }

@@ -5,8 +5,9 @@
 //   twin kernels/src/reference/nn/patch_embed.rs
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint total; uint side; uint patch_px; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer v_rows_tex;
+TEXELS_F32(0, v_rows_tex);
 layout(set = 0, binding = 1) writeonly buffer VPixels { vec4 v_pixels[]; };
 
 void main() {
@@ -20,7 +21,7 @@ void main() {
         uint cell_y = min(y / p.patch_px, grid - 1u);
         uint row = image * (grid * grid + 1u) + 1u + cell_y * grid + cell_x;
         uint texel = (y % p.patch_px) * p.patch_px + x % p.patch_px;
-        vec3 v = imageLoad(v_rows_tex, int(row * p.patch_px * p.patch_px + texel)).rgb;
+        vec3 v = texel_load(v_rows_tex, int(row * p.patch_px * p.patch_px + texel)).rgb;
         bool inside = x < grid * p.patch_px && y < grid * p.patch_px;
         v_pixels[i] = inside ? vec4(v, 0.0) : vec4(0.0);
     }

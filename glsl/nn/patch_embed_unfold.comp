@@ -5,8 +5,9 @@
 //   twin kernels/src/reference/nn/patch_embed.rs
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint total; uint side; uint patch_px; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer pixels_tex;
+TEXELS_F32(0, pixels_tex);
 layout(set = 0, binding = 1) writeonly buffer Rows { vec4 rows[]; };
 
 void main() {
@@ -20,7 +21,7 @@ void main() {
         uint cell = max(token, 1u) - 1u;
         uint y = (cell / grid) * p.patch_px + (i % texels) / p.patch_px;
         uint x = (cell % grid) * p.patch_px + i % p.patch_px;
-        vec3 rgb = imageLoad(pixels_tex, int(((row / tokens) * p.side + y) * p.side + x)).rgb;
+        vec3 rgb = texel_load(pixels_tex, int(((row / tokens) * p.side + y) * p.side + x)).rgb;
         rows[i] = token == 0u ? vec4(0.0) : vec4(rgb, 0.0);
     }
 }

@@ -5,8 +5,9 @@
 //   twin kernels/src/reference/nn/row_mean.rs
 #include "lib/grid.glsl"
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint rows; uint width; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer x_tex;
+TEXELS_F32(0, x_tex);
 layout(set = 0, binding = 1) writeonly buffer Mean { float mean[]; };
 
 void main() {
@@ -16,7 +17,7 @@ void main() {
     vec4 sum = vec4(0.0);
     int t = 0;
     do {
-        sum += imageLoad(x_tex, x0 + t);
+        sum += texel_load(x_tex, x0 + t);
     } while (++t < texels);
     if (row < p.rows) {
         mean[row] = (sum.x + sum.y + sum.z + sum.w) / float(p.width);

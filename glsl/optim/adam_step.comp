@@ -7,13 +7,14 @@
 //   parameter groups: in rows of ROW elements the first HEAD move at lr, the others at lr_tail
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(constant_id = 0) const uint ROW = 1;
 layout(constant_id = 1) const uint HEAD = 1;
 layout(push_constant) uniform Params { uint texels; float lr, lr_tail, beta1, beta2, eps, bias1, bias2, keep; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer param_before;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer exp_avg_before;
-layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer exp_avg_sq_before;
-layout(set = 0, binding = 3, rgba32f) uniform readonly imageBuffer v_param;
+TEXELS_F32(0, param_before);
+TEXELS_F32(1, exp_avg_before);
+TEXELS_F32(2, exp_avg_sq_before);
+TEXELS_F32(3, v_param);
 layout(set = 0, binding = 4) writeonly buffer Param { vec4 param[]; };
 layout(set = 0, binding = 5) writeonly buffer ExpAvg { vec4 exp_avg[]; };
 layout(set = 0, binding = 6) writeonly buffer ExpAvgSq { vec4 exp_avg_sq[]; };
@@ -22,12 +23,12 @@ void main() {
     uint i = global_index();
     if (i >= p.texels) return;
     int at = int(i);
-    vec4 v = imageLoad(v_param, at);
-    vec4 first = p.beta1 * imageLoad(exp_avg_before, at) + (1.0 - p.beta1) * v;
-    vec4 second = p.beta2 * imageLoad(exp_avg_sq_before, at) + (1.0 - p.beta2) * v * v;
+    vec4 v = texel_load(v_param, at);
+    vec4 first = p.beta1 * texel_load(exp_avg_before, at) + (1.0 - p.beta1) * v;
+    vec4 second = p.beta2 * texel_load(exp_avg_sq_before, at) + (1.0 - p.beta2) * v * v;
     exp_avg[i] = first;
     exp_avg_sq[i] = second;
     uvec4 place = (4 * i + uvec4(0, 1, 2, 3)) % ROW;
     vec4 lr = mix(vec4(p.lr_tail), vec4(p.lr), lessThan(place, uvec4(HEAD)));
-    param[i] = p.keep * imageLoad(param_before, at) - lr * (first / p.bias1) / (sqrt(second / p.bias2) + p.eps);
+    param[i] = p.keep * texel_load(param_before, at) - lr * (first / p.bias1) / (sqrt(second / p.bias2) + p.eps);
 }

@@ -7,9 +7,10 @@
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint n, chunk, lanes, shift, mask; } p;
-layout(set = 0, binding = 0, rgba32ui) uniform readonly uimageBuffer keys;
-layout(set = 0, binding = 1, rgba32ui) uniform readonly uimageBuffer values;
+TEXELS_U32(0, keys);
+TEXELS_U32(1, values);
 layout(set = 0, binding = 2) buffer Table { uint table[]; };
 layout(set = 0, binding = 3) buffer SortedKeys { uint sorted_keys[]; };
 layout(set = 0, binding = 4) buffer SortedValues { uint sorted_values[]; };
@@ -19,7 +20,7 @@ void main() {
     uint texel = lane * p.chunk, end = texel + p.chunk;
     do {
         int at = int(min(texel, (p.n - 1u) / 4u));
-        uvec4 key = imageLoad(keys, at), value = imageLoad(values, at);
+        uvec4 key = texel_load(keys, at), value = texel_load(values, at);
         [[unroll]] for (int k = 0; k < 4; ++k) {
             uint cursor = ((key[k] >> p.shift) & p.mask) * p.lanes + lane;
             if (4u * texel + uint(k) < p.n) {

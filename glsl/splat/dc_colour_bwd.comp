@@ -9,19 +9,20 @@
 #include "lib/sh_basis.glsl"
 #include "lib/sh_colour.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint num_visible; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer base;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer offsets;
-layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer v_colours;
+TEXELS_F32(0, base);
+TEXELS_F32(1, offsets);
+TEXELS_F32(2, v_colours);
 layout(set = 0, binding = 3) readonly buffer SplatFromVisible { uint splat_from_visible[]; };
-layout(set = 0, binding = 4, rgba32f) uniform readonly imageBuffer v_before;
+TEXELS_F32(4, v_before);
 layout(set = 0, binding = 5) writeonly buffer VOffsets { vec4 v_offsets[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.num_visible) return;
     int splat = int(splat_from_visible[i]);
-    vec3 raw = imageLoad(base, int(i)).xyz + SH_CONSTANT * imageLoad(offsets, splat).xyz;
-    vec3 v = sh_unclamped(raw, imageLoad(v_colours, int(i)).xyz);
-    v_offsets[splat] = imageLoad(v_before, splat) + vec4(SH_CONSTANT * v, 0.0);
+    vec3 raw = texel_load(base, int(i)).xyz + SH_CONSTANT * texel_load(offsets, splat).xyz;
+    vec3 v = sh_unclamped(raw, texel_load(v_colours, int(i)).xyz);
+    v_offsets[splat] = texel_load(v_before, splat) + vec4(SH_CONSTANT * v, 0.0);
 }

@@ -9,17 +9,18 @@
 #include "lib/sh_basis.glsl"
 #include "lib/sh_colour.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(constant_id = 0) const uint HAS_OFFSETS = 1;
 layout(push_constant) uniform Params { uint num_visible; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer base;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer offsets;
+TEXELS_F32(0, base);
+TEXELS_F32(1, offsets);
 layout(set = 0, binding = 2) readonly buffer SplatFromVisible { uint splat_from_visible[]; };
 layout(set = 0, binding = 3) buffer Colours { vec4 colours[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.num_visible) return;
-    vec3 raw = imageLoad(base, int(i)).xyz;
-    if (HAS_OFFSETS == 1u) raw += SH_CONSTANT * imageLoad(offsets, int(splat_from_visible[i])).xyz;
+    vec3 raw = texel_load(base, int(i)).xyz;
+    if (HAS_OFFSETS == 1u) raw += SH_CONSTANT * texel_load(offsets, int(splat_from_visible[i])).xyz;
     colours[i] = vec4(sh_unclamped(raw, raw), 0.0);
 }

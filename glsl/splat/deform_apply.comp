@@ -8,12 +8,13 @@
 #include "lib/grid.glsl"
 #include "lib/quat.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(constant_id = 0) const uint ROTATION = 1;
 layout(push_constant) uniform Params { uint n, head_texels; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer means;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer scales;
-layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer quats;
-layout(set = 0, binding = 3, rgba32f) uniform readonly imageBuffer heads;
+TEXELS_F32(0, means);
+TEXELS_F32(1, scales);
+TEXELS_F32(2, quats);
+TEXELS_F32(3, heads);
 layout(set = 0, binding = 4) buffer DeformedMeans { vec4 deformed_means[]; };
 layout(set = 0, binding = 5) buffer DeformedScales { vec4 deformed_scales[]; };
 layout(set = 0, binding = 6) buffer DeformedQuats { vec4 deformed_quats[]; };
@@ -22,9 +23,9 @@ void main() {
     uint i = global_index();
     if (i >= p.n) return;
     int head = int(i * p.head_texels);
-    vec4 quat = imageLoad(quats, int(i)), turn = imageLoad(heads, head + 2);
-    deformed_means[i] = imageLoad(means, int(i)) + imageLoad(heads, head);
-    deformed_scales[i] = imageLoad(scales, int(i)) + imageLoad(heads, head + 1);
+    vec4 quat = texel_load(quats, int(i)), turn = texel_load(heads, head + 2);
+    deformed_means[i] = texel_load(means, int(i)) + texel_load(heads, head);
+    deformed_scales[i] = texel_load(scales, int(i)) + texel_load(heads, head + 1);
     if (ROTATION == 1u) quat += turn;
     if (ROTATION == 2u) quat = quat_normalize(quat_mul(quat, turn));
     deformed_quats[i] = quat;

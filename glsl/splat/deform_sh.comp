@@ -5,14 +5,15 @@
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint num_texels, head_texels; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer sh_coeffs;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer heads;
+TEXELS_F32(0, sh_coeffs);
+TEXELS_F32(1, heads);
 layout(set = 0, binding = 2) buffer DeformedSh { vec4 deformed_sh[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.num_texels) return;
     uint splat = i / 12u, texel = i % 12u;
-    deformed_sh[i] = imageLoad(sh_coeffs, int(i)) + imageLoad(heads, int(p.head_texels * splat + 3u + texel));
+    deformed_sh[i] = texel_load(sh_coeffs, int(i)) + texel_load(heads, int(p.head_texels * splat + 3u + texel));
 }

@@ -8,14 +8,15 @@
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params {
     uint n, levels, channel_texels;
     float time;
     float first_x, first_y, first_z, second_x, second_y, second_z;
 } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer means;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer planes;
-layout(set = 0, binding = 2, rgba32ui) uniform readonly uimageBuffer plane_shapes;
+TEXELS_F32(0, means);
+TEXELS_F32(1, planes);
+TEXELS_U32(2, plane_shapes);
 layout(set = 0, binding = 3) buffer Features { vec4 features[]; };
 
 // Index and fraction of the lower neighbour on an axis of `size` samples, corners aligned, border outside.
@@ -32,8 +33,8 @@ vec4 plane_sample(uvec4 shape, vec2 q, uint channel) {
     uint right = shape.y > 1u ? p.channel_texels : 0u;
     uint below = shape.z > 1u ? shape.y * p.channel_texels : 0u;
     uint at = shape.x + (uint(b.x) * shape.y + uint(a.x)) * p.channel_texels + channel;
-    vec4 upper = mix(imageLoad(planes, int(at)), imageLoad(planes, int(at + right)), a.y);
-    vec4 lower = mix(imageLoad(planes, int(at + below)), imageLoad(planes, int(at + below + right)), a.y);
+    vec4 upper = mix(texel_load(planes, int(at)), texel_load(planes, int(at + right)), a.y);
+    vec4 lower = mix(texel_load(planes, int(at + below)), texel_load(planes, int(at + below + right)), a.y);
     return mix(upper, lower, b.y);
 }
 
@@ -41,17 +42,17 @@ void main() {
     uint i = global_index();
     if (i >= p.n) return;
     vec3 first = vec3(p.first_x, p.first_y, p.first_z), second = vec3(p.second_x, p.second_y, p.second_z);
-    vec3 q = (imageLoad(means, int(i)).xyz - first) * 2.0 / (second - first) - 1.0;
+    vec3 q = (texel_load(means, int(i)).xyz - first) * 2.0 / (second - first) - 1.0;
     uint blocks = p.levels * p.channel_texels, block = 0u;
     do {
         int level = int(block / p.channel_texels) * 6;
         uint channel = block % p.channel_texels;
-        vec4 product = plane_sample(imageLoad(plane_shapes, level), q.xy, channel);
-        product *= plane_sample(imageLoad(plane_shapes, level + 1), q.xz, channel);
-        product *= plane_sample(imageLoad(plane_shapes, level + 2), vec2(q.x, p.time), channel);
-        product *= plane_sample(imageLoad(plane_shapes, level + 3), q.yz, channel);
-        product *= plane_sample(imageLoad(plane_shapes, level + 4), vec2(q.y, p.time), channel);
-        product *= plane_sample(imageLoad(plane_shapes, level + 5), vec2(q.z, p.time), channel);
+        vec4 product = plane_sample(texel_load(plane_shapes, level), q.xy, channel);
+        product *= plane_sample(texel_load(plane_shapes, level + 1), q.xz, channel);
+        product *= plane_sample(texel_load(plane_shapes, level + 2), vec2(q.x, p.time), channel);
+        product *= plane_sample(texel_load(plane_shapes, level + 3), q.yz, channel);
+        product *= plane_sample(texel_load(plane_shapes, level + 4), vec2(q.y, p.time), channel);
+        product *= plane_sample(texel_load(plane_shapes, level + 5), vec2(q.z, p.time), channel);
         features[i * blocks + block] = product;
         ++block;
     } while (block < blocks);

@@ -9,6 +9,7 @@
 #include "lib/quat.glsl"
 #include "lib/raster.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params {
     uint n, width, height;
     float fx, fy, cx, cy;
@@ -16,9 +17,9 @@ layout(push_constant) uniform Params {
     float view_10, view_11, view_12, view_13;
     float view_20, view_21, view_22, view_23;
 } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer means;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer scales;
-layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer quats;
+TEXELS_F32(0, means);
+TEXELS_F32(1, scales);
+TEXELS_F32(2, quats);
 layout(set = 0, binding = 3) buffer Geom { vec4 geom[]; };
 layout(set = 0, binding = 4) buffer Dirs { vec4 dirs[]; };
 layout(set = 0, binding = 5) buffer TileRects { uvec4 tile_rects[]; };
@@ -59,12 +60,12 @@ uvec4 tile_rect(vec2 mean2d, vec3 cov, float opacity) {
 void main() {
     uint i = global_index();
     if (i >= p.n) return;
-    vec4 mean = imageLoad(means, int(i));
+    vec4 mean = texel_load(means, int(i));
     mat3 rotation = mat3(p.view_00, p.view_10, p.view_20, p.view_01, p.view_11, p.view_21, p.view_02, p.view_12, p.view_22);
     vec3 shift = vec3(p.view_03, p.view_13, p.view_23);
     vec3 view = rotation * mean.xyz + shift;
     vec3 row_x, row_y;
-    half_covariance(view, rotation, imageLoad(quats, int(i)), exp(imageLoad(scales, int(i)).xyz), row_x, row_y);
+    half_covariance(view, rotation, texel_load(quats, int(i)), exp(texel_load(scales, int(i)).xyz), row_x, row_y);
     vec3 gram = vec3(dot(row_x, row_x), dot(row_x, row_y), dot(row_y, row_y));
     // Scaled by the largest entry, so that huge splats do not overflow; the determinant is a sum of
     // non-negative terms (Cauchy-Binet), so that needles do not cancel.

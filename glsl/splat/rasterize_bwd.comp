@@ -7,15 +7,16 @@
 //   every pair takes all pixels of its tile, with weight 0 where it is skipped: a v_image that is not finite makes those NaN
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
-#extension GL_KHR_shader_subgroup_shuffle : require
+layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
+#include "lib/shuffle.glsl"
 #include "lib/lanes.glsl"
 #include "lib/raster.glsl"
-layout(local_size_x = 8) in;
 layout(push_constant) uniform Params { uint width, height, tiles_x, num_active, tile_stride, in_offset; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer geom;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer v_image;
-layout(set = 0, binding = 2, rgba32ui) uniform readonly uimageBuffer splat_from_isect;
-layout(set = 0, binding = 3, rgba32ui) uniform readonly uimageBuffer slot_from_isect;
+TEXELS_F32(0, geom);
+TEXELS_F32(1, v_image);
+TEXELS_U32(2, splat_from_isect);
+TEXELS_U32(3, slot_from_isect);
 layout(set = 0, binding = 4) readonly buffer TileOffsets { uint tile_offsets[]; };
 layout(set = 0, binding = 6) readonly buffer TileOrder { uint tile_order[]; };
 layout(set = 0, binding = 5) buffer VSlots { vec4 v_slots[]; };
@@ -33,26 +34,26 @@ void main() {
         t[k] = 1.0;
         uint row = y + uint(k);
         bool inside = x < p.width && row < p.height;
-        vec3 value = imageLoad(v_image, int(inside ? p.in_offset + row * p.width + x : p.in_offset)).xyz;
+        vec3 value = texel_load(v_image, int(inside ? p.in_offset + row * p.width + x : p.in_offset)).xyz;
         v[k] = inside ? value : vec3(0.0);
     }
     do {
         uint i = at + lane;
         bool valid = i < end;
-        uint splat = pick(imageLoad(splat_from_isect, int(i >> 2)), i);
-        uint slot = pick(imageLoad(slot_from_isect, int(i >> 2)), i);
+        uint splat = pick(texel_load(splat_from_isect, int(i >> 2)), i);
+        uint slot = pick(texel_load(slot_from_isect, int(i >> 2)), i);
         splat = valid ? splat : 0u;
-        vec4 shape = imageLoad(geom, int(2u * splat));
-        vec4 rest = imageLoad(geom, int(2u * splat + 1u));
+        vec4 shape = texel_load(geom, int(2u * splat));
+        vec4 rest = texel_load(geom, int(2u * splat + 1u));
         float opacity = valid ? rest.y : 0.0;
         float sr[8], sg[8], sb[8];
         [[unroll]] for (int j = 0; j < 8; ++j) {
-            float dx = subgroupShuffle(shape.x, j) - px;
-            float top = subgroupShuffle(shape.y, j) - py;
-            float ax = subgroupShuffle(shape.z, j) * dx * dx;
-            float bx = subgroupShuffle(shape.w, j) * dx;
-            float c = subgroupShuffle(rest.x, j);
-            float o = subgroupShuffle(opacity, j);
+            float dx = lane_shuffle(shape.x, j) - px;
+            float top = lane_shuffle(shape.y, j) - py;
+            float ax = lane_shuffle(shape.z, j) * dx * dx;
+            float bx = lane_shuffle(shape.w, j) * dx;
+            float c = lane_shuffle(rest.x, j);
+            float o = lane_shuffle(opacity, j);
             sr[j] = sg[j] = sb[j] = 0.0;
             [[unroll]] for (int k = 0; k < 8; ++k) {
                 float weight = blend_weight(splat_alpha(ax, bx, c, o, top - float(k)), t[k]);

@@ -6,17 +6,18 @@
 //   a splat meets all pixels of its tiles, with weight 0 where it is skipped: a colour that is not finite makes those NaN
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
-#extension GL_KHR_shader_subgroup_shuffle : require
+layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
+#include "lib/shuffle.glsl"
 #include "lib/lanes.glsl"
 #include "lib/raster.glsl"
-layout(local_size_x = 8) in;
 layout(push_constant) uniform Params {
     uint width, height, tiles_x, num_active, tile_stride, out_offset;
     float background_r, background_g, background_b;
 } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer geom;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer colours;
-layout(set = 0, binding = 2, rgba32ui) uniform readonly uimageBuffer splat_from_isect;
+TEXELS_F32(0, geom);
+TEXELS_F32(1, colours);
+TEXELS_U32(2, splat_from_isect);
 layout(set = 0, binding = 3) readonly buffer TileOffsets { uint tile_offsets[]; };
 layout(set = 0, binding = 5) readonly buffer TileOrder { uint tile_order[]; };
 layout(set = 0, binding = 4) buffer Image { vec4 image[]; };
@@ -38,22 +39,22 @@ void main() {
     do {
         uint i = at + lane;
         bool valid = i < end;
-        uint splat = pick(imageLoad(splat_from_isect, int(i >> 2)), i);
+        uint splat = pick(texel_load(splat_from_isect, int(i >> 2)), i);
         splat = valid ? splat : 0u;
-        vec4 shape = imageLoad(geom, int(2u * splat));
-        vec4 rest = imageLoad(geom, int(2u * splat + 1u));
-        vec4 colour = mix(vec4(0.0), imageLoad(colours, int(splat)), bvec4(valid));
+        vec4 shape = texel_load(geom, int(2u * splat));
+        vec4 rest = texel_load(geom, int(2u * splat + 1u));
+        vec4 colour = mix(vec4(0.0), texel_load(colours, int(splat)), bvec4(valid));
         float opacity = valid ? rest.y : 0.0;
         [[unroll]] for (int j = 0; j < 8; ++j) {
-            float dx = subgroupShuffle(shape.x, j) - px;
-            float top = subgroupShuffle(shape.y, j) - py;
-            float ax = subgroupShuffle(shape.z, j) * dx * dx;
-            float bx = subgroupShuffle(shape.w, j) * dx;
-            float c = subgroupShuffle(rest.x, j);
-            float o = subgroupShuffle(opacity, j);
-            float cr = subgroupShuffle(colour.x, j);
-            float cg = subgroupShuffle(colour.y, j);
-            float cb = subgroupShuffle(colour.z, j);
+            float dx = lane_shuffle(shape.x, j) - px;
+            float top = lane_shuffle(shape.y, j) - py;
+            float ax = lane_shuffle(shape.z, j) * dx * dx;
+            float bx = lane_shuffle(shape.w, j) * dx;
+            float c = lane_shuffle(rest.x, j);
+            float o = lane_shuffle(opacity, j);
+            float cr = lane_shuffle(colour.x, j);
+            float cg = lane_shuffle(colour.y, j);
+            float cb = lane_shuffle(colour.z, j);
             [[unroll]] for (int k = 0; k < 8; ++k) {
                 float weight = blend_weight(splat_alpha(ax, bx, c, o, top - float(k)), t[k]);
                 r[k] += weight * cr;

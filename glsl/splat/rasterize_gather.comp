@@ -6,8 +6,9 @@
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint num_visible, num_slots; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer v_slots;
+TEXELS_F32(0, v_slots);
 layout(set = 0, binding = 1) readonly buffer SlotRanges { uint slot_ranges[]; };
 layout(set = 0, binding = 2) buffer VColours { vec4 v_colours[]; };
 
@@ -20,7 +21,7 @@ void main() {
     // Four slots a turn: fewer loop-carried updates, and the loop limit of lavapipe stays out of reach.
     do {
         [[unroll]] for (uint k = 0u; k < 4u; ++k) {
-            vec3 value = imageLoad(v_slots, int(min(at + k, p.num_slots - 1u))).xyz;
+            vec3 value = texel_load(v_slots, int(min(at + k, p.num_slots - 1u))).xyz;
             sum += at + k < end ? value : vec3(0.0);
         }
         at += 4u;

@@ -4,13 +4,14 @@
 //   out  kept_isect, kept_slot [I] = 1 when some pixel of the tile takes alpha > 0 or stops there, else 0 (=)
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
-#extension GL_KHR_shader_subgroup_shuffle : require
+layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
+#include "lib/shuffle.glsl"
 #include "lib/lanes.glsl"
 #include "lib/raster.glsl"
-layout(local_size_x = 8) in;
 layout(push_constant) uniform Params { uint width, height, tiles_x, num_active, tile_stride; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer geom;
-layout(set = 0, binding = 1, rgba32ui) uniform readonly uimageBuffer slot_from_isect;
+TEXELS_F32(0, geom);
+TEXELS_U32(1, slot_from_isect);
 layout(set = 0, binding = 2) readonly buffer SplatFromSlot { uint splat_from_slot[]; };
 layout(set = 0, binding = 3) readonly buffer TileOffsets { uint tile_offsets[]; };
 layout(set = 0, binding = 6) readonly buffer TileOrder { uint tile_order[]; };
@@ -32,20 +33,20 @@ void main() {
     do {
         uint i = at + lane;
         bool valid = i < end;
-        uint slot = pick(imageLoad(slot_from_isect, int(i >> 2)), i);
+        uint slot = pick(texel_load(slot_from_isect, int(i >> 2)), i);
         slot = valid ? slot : 0u;
         uint splat = splat_from_slot[slot];
-        vec4 shape = imageLoad(geom, int(2u * splat));
-        vec4 rest = imageLoad(geom, int(2u * splat + 1u));
+        vec4 shape = texel_load(geom, int(2u * splat));
+        vec4 rest = texel_load(geom, int(2u * splat + 1u));
         float opacity = valid ? rest.y : 0.0;
         float hits[8];
         [[unroll]] for (int j = 0; j < 8; ++j) {
-            float dx = subgroupShuffle(shape.x, j) - px;
-            float top = subgroupShuffle(shape.y, j) - py;
-            float ax = subgroupShuffle(shape.z, j) * dx * dx;
-            float bx = subgroupShuffle(shape.w, j) * dx;
-            float c = subgroupShuffle(rest.x, j);
-            float o = subgroupShuffle(opacity, j);
+            float dx = lane_shuffle(shape.x, j) - px;
+            float top = lane_shuffle(shape.y, j) - py;
+            float ax = lane_shuffle(shape.z, j) * dx * dx;
+            float bx = lane_shuffle(shape.w, j) * dx;
+            float c = lane_shuffle(rest.x, j);
+            float o = lane_shuffle(opacity, j);
             hits[j] = 0.0;
             [[unroll]] for (int k = 0; k < 8; ++k) {
                 float alpha = splat_alpha(ax, bx, c, o, top - float(k));

@@ -10,15 +10,16 @@
 #include "lib/sh_basis.glsl"
 #include "lib/sh_colour.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(constant_id = 0) const uint DEGREE = 3;
 layout(constant_id = 1) const uint OFFSET_TEXELS = 12;
 layout(push_constant) uniform Params { uint num_visible; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer sh_coeffs;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer offsets;
-layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer dirs;
-layout(set = 0, binding = 3, rgba32f) uniform readonly imageBuffer v_colours;
+TEXELS_F32(0, sh_coeffs);
+TEXELS_F32(1, offsets);
+TEXELS_F32(2, dirs);
+TEXELS_F32(3, v_colours);
 layout(set = 0, binding = 4) readonly buffer SplatFromVisible { uint splat_from_visible[]; };
-layout(set = 0, binding = 5, rgba32f) uniform readonly imageBuffer v_before;
+TEXELS_F32(5, v_before);
 layout(set = 0, binding = 6) writeonly buffer VOffsets { vec4 v_offsets[]; };
 
 void main() {
@@ -28,21 +29,21 @@ void main() {
     uint row = 12u * splat;
     uint offset_row = OFFSET_TEXELS * splat;
     float y[16];
-    sh_basis(imageLoad(dirs, int(i)).xyz, DEGREE, y);
+    sh_basis(texel_load(dirs, int(i)).xyz, DEGREE, y);
     vec4 h[12];
     [[unroll]] for (int q = 0; q < 12; ++q) {
-        h[q] = q < int(sh_texels(DEGREE)) ? imageLoad(sh_coeffs, int(row) + q) : vec4(0.0);
-        if (OFFSET_TEXELS == 12u && q < int(sh_texels(DEGREE))) h[q] += imageLoad(offsets, int(offset_row) + q);
+        h[q] = q < int(sh_texels(DEGREE)) ? texel_load(sh_coeffs, int(row) + q) : vec4(0.0);
+        if (OFFSET_TEXELS == 12u && q < int(sh_texels(DEGREE))) h[q] += texel_load(offsets, int(offset_row) + q);
     }
-    if (OFFSET_TEXELS == 1u) h[0].xyz += imageLoad(offsets, int(offset_row)).xyz;
-    vec3 v = sh_unclamped(sh_raw_colour(h, y, DEGREE), imageLoad(v_colours, int(i)).xyz);
+    if (OFFSET_TEXELS == 1u) h[0].xyz += texel_load(offsets, int(offset_row)).xyz;
+    vec3 v = sh_unclamped(sh_raw_colour(h, y, DEGREE), texel_load(v_colours, int(i)).xyz);
     if (OFFSET_TEXELS == 1u) {
-        v_offsets[offset_row] = imageLoad(v_before, int(offset_row)) + vec4(y[0] * v, 0.0);
+        v_offsets[offset_row] = texel_load(v_before, int(offset_row)) + vec4(y[0] * v, 0.0);
     } else {
         [[unroll]] for (int q = 0; q < 12; ++q) {
             vec4 add;
             [[unroll]] for (int c = 0; c < 4; ++c) add[c] = 4 * q + c < 3 * int(sh_bases(DEGREE)) ? y[(4 * q + c) / 3] * v[(4 * q + c) % 3] : 0.0;
-            if (q < int(sh_texels(DEGREE))) v_offsets[offset_row + uint(q)] = imageLoad(v_before, int(offset_row) + q) + add;
+            if (q < int(sh_texels(DEGREE))) v_offsets[offset_row + uint(q)] = texel_load(v_before, int(offset_row) + q) + add;
         }
     }
 }

@@ -9,13 +9,14 @@
 #include "lib/sh_basis.glsl"
 #include "lib/sh_colour.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(constant_id = 0) const uint DEGREE = 3;
 layout(constant_id = 1) const uint OFFSET_TEXELS = 12;
 layout(constant_id = 2) const uint CLAMP = 1;
 layout(push_constant) uniform Params { uint num_visible; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer sh_coeffs;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer offsets;
-layout(set = 0, binding = 2, rgba32f) uniform readonly imageBuffer dirs;
+TEXELS_F32(0, sh_coeffs);
+TEXELS_F32(1, offsets);
+TEXELS_F32(2, dirs);
 layout(set = 0, binding = 3) readonly buffer SplatFromVisible { uint splat_from_visible[]; };
 layout(set = 0, binding = 4) buffer Colours { vec4 colours[]; };
 
@@ -26,13 +27,13 @@ void main() {
     int row = int(12u * splat);
     int offset_row = int(OFFSET_TEXELS * splat);
     float y[16];
-    sh_basis(imageLoad(dirs, int(i)).xyz, DEGREE, y);
+    sh_basis(texel_load(dirs, int(i)).xyz, DEGREE, y);
     vec4 h[12];
     [[unroll]] for (int q = 0; q < 12; ++q) {
-        h[q] = q < int(sh_texels(DEGREE)) ? imageLoad(sh_coeffs, row + q) : vec4(0.0);
-        if (OFFSET_TEXELS == 12u && q < int(sh_texels(DEGREE))) h[q] += imageLoad(offsets, offset_row + q);
+        h[q] = q < int(sh_texels(DEGREE)) ? texel_load(sh_coeffs, row + q) : vec4(0.0);
+        if (OFFSET_TEXELS == 12u && q < int(sh_texels(DEGREE))) h[q] += texel_load(offsets, offset_row + q);
     }
-    if (OFFSET_TEXELS == 1u) h[0].xyz += imageLoad(offsets, offset_row).xyz;
+    if (OFFSET_TEXELS == 1u) h[0].xyz += texel_load(offsets, offset_row).xyz;
     vec3 raw = sh_raw_colour(h, y, DEGREE);
     colours[i] = vec4(CLAMP == 1u ? sh_unclamped(raw, raw) : raw, 0.0);
 }

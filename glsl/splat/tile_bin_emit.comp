@@ -6,9 +6,10 @@
 #include "lib/grid.glsl"
 #include "lib/tile_cull.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint n, bands, band_rows, tiles_x; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer geom;
-layout(set = 0, binding = 1, rgba32ui) uniform readonly uimageBuffer tile_rects;
+TEXELS_F32(0, geom);
+TEXELS_U32(1, tile_rects);
 layout(set = 0, binding = 2) readonly buffer Order { uint order[]; };
 layout(set = 0, binding = 3) readonly buffer SlotOffsets { uint slot_offsets[]; };
 layout(set = 0, binding = 4) buffer TileKeys { uint tile_keys[]; };
@@ -19,9 +20,9 @@ void main() {
     uint i = global_index();
     if (i >= p.n * p.bands) return;
     uint band = i % p.bands, splat = order[i / p.bands];
-    uvec4 rect = imageLoad(tile_rects, int(splat));
+    uvec4 rect = texel_load(tile_rects, int(splat));
     uint first = clamp(band * p.band_rows, rect.y, rect.w), last = clamp((band + 1u) * p.band_rows, rect.y, rect.w);
-    TileTest test = tile_test(imageLoad(geom, int(2u * splat)), imageLoad(geom, int(2u * splat + 1u)));
+    TileTest test = tile_test(texel_load(geom, int(2u * splat)), texel_load(geom, int(2u * splat + 1u)));
     uint total = (rect.z - rect.x) * (last - first), j = 0u;
     uint slot = slot_offsets[i], end = slot_offsets[i + 1u];
     uvec2 tile = uvec2(rect.x, first);

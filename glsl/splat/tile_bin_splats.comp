@@ -6,9 +6,10 @@
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint n, bands; } p;
-layout(set = 0, binding = 0, rgba32f) uniform readonly imageBuffer geom;
-layout(set = 0, binding = 1, rgba32f) uniform readonly imageBuffer dirs;
+TEXELS_F32(0, geom);
+TEXELS_F32(1, dirs);
 layout(set = 0, binding = 2) readonly buffer Order { uint order[]; };
 layout(set = 0, binding = 3) readonly buffer Visible { uint visible[]; };
 layout(set = 0, binding = 4) readonly buffer SlotOffsets { uint slot_offsets[]; };
@@ -24,9 +25,9 @@ void main() {
     uint splat = order[rank];
     uint i = visible[splat];
     if (visible[splat + 1u] == i) return;
-    visible_geom[2u * i] = imageLoad(geom, int(2u * splat));
-    visible_geom[2u * i + 1u] = imageLoad(geom, int(2u * splat + 1u));
-    visible_dirs[i] = imageLoad(dirs, int(splat));
+    visible_geom[2u * i] = texel_load(geom, int(2u * splat));
+    visible_geom[2u * i + 1u] = texel_load(geom, int(2u * splat + 1u));
+    visible_dirs[i] = texel_load(dirs, int(splat));
     splat_from_visible[i] = splat;
     slot_ranges[2u * i] = kept_slots[slot_offsets[rank * p.bands]];
     slot_ranges[2u * i + 1u] = kept_slots[slot_offsets[(rank + 1u) * p.bands]];

@@ -5,9 +5,9 @@ use std::fmt::Write;
 
 use crate::reflect::{Binding, Kernel, Kind, Scalar};
 
-/// The registry's source text, families and kernels sorted by name; each kernel comes with its SPIR-V
-/// file's name in `OUT_DIR`. The text depends on the shaders' interfaces alone, so that two compilers
-/// that agree on them yield the same bytes.
+/// The registry's source text, families and kernels sorted by name; each kernel comes with the name of its SPIR-V
+/// files in `OUT_DIR`, without `.lanes.spv` and `.tiles.spv`. The text depends on the shaders' interfaces alone, so that
+/// two compilers that agree on them yield the same bytes.
 pub(crate) fn registry(kernels: &[(Kernel, String)]) -> String {
     let mut families: BTreeMap<&str, Vec<(&str, &Kernel, &str)>> = BTreeMap::new();
     for (kernel, spv) in kernels {
@@ -35,12 +35,15 @@ fn module(out: &mut String, stem: &str, kernel: &Kernel, spv: &str) {
     bind(out, kernel);
     let bindings: String = kernel.bindings.iter().map(binding_def).collect();
     let [x, y, z] = kernel.local_size;
+    let spirv = |family: &str| format!("include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{spv}.{family}.spv\"))");
     let _ = writeln!(
         out,
         "/// Reflected description.\npub static KERNEL: crate::vk::KernelDef = crate::vk::KernelDef {{ \
-         name: {name:?}, spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{spv}\")), bindings: &[{bindings}], \
+         name: {name:?}, lanes: {lanes}, tiles: {tiles}, bindings: &[{bindings}], \
          params_bytes: {bytes}, spec_ids: &{ids:?}, local_size: [{x}, {y}, {z}] }};\n}}",
         name = kernel.name,
+        lanes = spirv("lanes"),
+        tiles = spirv("tiles"),
         bytes = kernel.params.len() * 4,
         ids = kernel.spec.iter().map(|s| s.0).collect::<Vec<_>>(),
     );

@@ -3,10 +3,14 @@
 use std::collections::HashMap;
 
 use rspirv::dr::{Instruction, Module, Operand};
-use rspirv::spirv::{Decoration, ExecutionMode, Op, StorageClass};
+use rspirv::spirv::{Capability, Decoration, ExecutionMode, Op, StorageClass};
+
+/// What the tile kernels may need: Vulkan grants every device this much workgroup memory and these many invocations.
+const MAX_SHARED_BYTES: u32 = 16 << 10;
+const MAX_INVOCATIONS: u32 = 128;
 
 /// Scalar type shared by host and shader.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scalar {
     /// `float`
     F32,
@@ -17,7 +21,7 @@ pub(crate) enum Scalar {
 }
 
 /// How a resource is bound.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     /// Shader storage buffer.
     Storage,
@@ -26,6 +30,7 @@ pub(crate) enum Kind {
 }
 
 /// One descriptor.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Binding {
     /// Host field name.
     pub name: String,
@@ -40,6 +45,7 @@ pub(crate) struct Binding {
 }
 
 /// Everything the host needs to know of one kernel.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Kernel {
     /// `family/stem`.
     pub name: String,
@@ -53,6 +59,16 @@ pub(crate) struct Kernel {
     pub local_size: [u32; 3],
 }
 
+/// One module: what the host sees, and what it asks of a device.
+pub(crate) struct Reflected {
+    /// The interface.
+    pub kernel: Kernel,
+    /// Capabilities it declares.
+    capabilities: Vec<Capability>,
+    /// Bytes of its workgroup memory with the defaults of its specialisation constants.
+    shared_bytes: u32,
+}
+
 struct Reflection<'m> {
     module: &'m Module,
     names: HashMap<u32, String>,
@@ -61,16 +77,18 @@ struct Reflection<'m> {
 }
 
 /// Reflects one module.
-pub(crate) fn kernel(name: &str, words: &[u32]) -> Result<Kernel, String> {
+pub(crate) fn module(name: &str, words: &[u32]) -> Result<Reflected, String> {
     let module = rspirv::dr::load_words(words).map_err(|e| format!("reflection: {e}"))?;
     let r = Reflection::new(&module);
     let mut bindings = Vec::new();
     let mut params = Vec::new();
+    let mut shared_bytes = 0;
     for variable in module.types_global_values.iter().filter(|i| i.class.opcode == Op::Variable) {
         match variable.operands.first() {
             Some(Operand::StorageClass(StorageClass::StorageBuffer)) => bindings.push(r.storage(variable)?),
             Some(Operand::StorageClass(StorageClass::UniformConstant)) => bindings.push(r.texel(variable)?),
             Some(Operand::StorageClass(StorageClass::PushConstant)) => params = r.push_constants(variable)?,
+            Some(Operand::StorageClass(StorageClass::Workgroup)) => shared_bytes += r.bytes(r.pointee(variable)?)?,
             _ => {}
         }
     }
@@ -83,7 +101,44 @@ pub(crate) fn kernel(name: &str, words: &[u32]) -> Result<Kernel, String> {
             local_size[0]
         ));
     }
-    Ok(Kernel { name: name.to_owned(), bindings, params, spec, local_size })
+    let capabilities = module.capabilities.iter().filter_map(|i| match i.operands.first() {
+        Some(Operand::Capability(capability)) => Some(*capability),
+        _ => None,
+    });
+    let capabilities = capabilities.collect();
+    let kernel = Kernel { name: name.to_owned(), bindings, params, spec, local_size };
+    Ok(Reflected { kernel, capabilities, shared_bytes })
+}
+
+/// Checks that the host may exchange both modules, but for how texels are bound, and that `tiles` runs on any device.
+pub(crate) fn check_portable(lanes: &Reflected, tiles: &Reflected) -> Result<(), String> {
+    if let Some(foreign) = tiles.capabilities.iter().find(|c| !matches!(c, Capability::Shader)) {
+        return Err(format!("the tile kernel needs the capability {foreign:?}"));
+    }
+    if tiles.shared_bytes > MAX_SHARED_BYTES {
+        let bytes = tiles.shared_bytes;
+        return Err(format!("the tile kernel takes {bytes} bytes of workgroup memory, more than {MAX_SHARED_BYTES}"));
+    }
+    let invocations: u32 = tiles.kernel.local_size.iter().product();
+    if invocations > MAX_INVOCATIONS {
+        return Err(format!(
+            "a workgroup of the tile kernel has {invocations} invocations, more than {MAX_INVOCATIONS}"
+        ));
+    }
+    if let Some(texels) = tiles.kernel.bindings.iter().find(|b| b.kind == Kind::Texel) {
+        return Err(format!(
+            "`{}` is a texel buffer in the tile kernel too: declare it by lib/texels.glsl",
+            texels.name
+        ));
+    }
+    let mut expected = lanes.kernel.clone();
+    for binding in &mut expected.bindings {
+        binding.kind = Kind::Storage;
+    }
+    if expected != tiles.kernel {
+        return Err(format!("the interfaces differ:\nlanes {expected:?}\ntiles {:?}", tiles.kernel));
+    }
+    Ok(())
 }
 
 fn id(operand: &Operand) -> Result<u32, String> {
@@ -169,6 +224,22 @@ impl<'m> Reflection<'m> {
             Op::TypeVector if literal(&ty.operands[1])? != 3 => self.scalar(self.type_of(id(&ty.operands[0])?)?),
             Op::TypeRuntimeArray => self.scalar(self.type_of(id(&ty.operands[0])?)?),
             other => Err(format!("{other:?} is not a 32-bit scalar, vec2 or vec4")),
+        }
+    }
+
+    /// Size of a type in workgroup memory.
+    fn bytes(&self, ty: &Instruction) -> Result<u32, String> {
+        match ty.class.opcode {
+            Op::TypeFloat | Op::TypeInt => Ok(literal(&ty.operands[0])? / 8),
+            Op::TypeVector => Ok(self.bytes(self.type_of(id(&ty.operands[0])?)?)? * literal(&ty.operands[1])?),
+            Op::TypeArray => {
+                let length = self.type_of(id(&ty.operands[1])?)?;
+                let Some(length) = length.operands.first() else {
+                    return Err("workgroup memory whose size is computed from specialisation constants".to_owned());
+                };
+                Ok(self.bytes(self.type_of(id(&ty.operands[0])?)?)? * literal(length)?)
+            }
+            other => Err(format!("{other:?} in workgroup memory")),
         }
     }
 

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use guard4d_kernels::KernelFamily;
 use serde_json::Value;
 
 use super::{Run, command, guard4d, names, put, scratch};
@@ -45,6 +46,28 @@ fn a_scheduler_without_a_gpu_here_is_obeyed() {
         let taken = rows.iter().find(|row| row["selected"] == true).expect("one is taken");
         assert_eq!(taken["kind"], "cpu", "what was asked for");
     }
+}
+
+#[test]
+fn kernels_are_chosen_by_flag_and_by_variable() {
+    let Some(gpu) = device() else { return };
+    let family = |run: Run| {
+        run.done();
+        let rows: Vec<Value> = serde_json::from_str(&run.stdout).expect("a list");
+        let taken = rows.into_iter().find(|row| row["selected"] == true).expect("one is taken by default");
+        taken["kernels"].as_str().map(str::to_owned)
+    };
+    let tiles = Some("tiles".to_owned());
+    assert_eq!(family(guard4d(&[&"devices", &"--json", &"--kernels", &"tiles"])), tiles, "by flag");
+    let by_variable = command(&[&"devices", &"--json"]).env("GUARD4D_KERNELS", "tiles").output().expect("it runs");
+    assert_eq!(family(Run::of(by_variable)), tiles, "by variable");
+    if gpu.family() == KernelFamily::Lanes {
+        assert_eq!(family(guard4d(&[&"devices", &"--json", &"--kernels", &"lanes"])).as_deref(), Some("lanes"));
+    }
+    let (folder, model) = (scratch(), TinyModel::new());
+    let out = folder.path().join("out");
+    guard4d(&[&"dump", &"deform", &model.path(), &"--time", &"0", &"--out", &out, &"--kernels", &"tiles"]).done();
+    assert_eq!(names(folder.path()), ["out"], "the program runs on them");
 }
 
 /// Two copies of a software driver look like two devices, so that numbers can be tried on any machine.

@@ -29,6 +29,7 @@ fn wrong_usage_ends_with_two() {
     guard4d(&[&"embed", &"model", &"--out", &"x", &"--key", &"k", &"--bases", &"some"]).refused(2, &["dc, all"]);
     guard4d(&[&"verify", &"--key", &"k", &"--receipt", &"r"]).refused(2, &["<CLIPS>..."]);
     guard4d(&[&"devices", &"--device", &"warp:drive"]).refused(2, &["warp:drive"]);
+    guard4d(&[&"devices", &"--kernels", &"warps"]).refused(2, &["auto, lanes or tiles"]);
     guard4d(&[&"dump", &"deform", &"model", &"--time", &"noon", &"--out", &"x"]).refused(2, &["noon"]);
     if device().is_some() {
         let folder = scratch();

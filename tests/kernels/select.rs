@@ -2,8 +2,9 @@
 
 use std::collections::HashMap;
 
-use guard4d_kernels::DeviceSelect;
+use guard4d_engine::EngineError;
 use guard4d_kernels::vk::{Assignment, DeviceInfo, DeviceKind};
+use guard4d_kernels::{DeviceSelect, FamilySelect, KernelFamily};
 
 const NVIDIA: u32 = 0x10de;
 const AMD: u32 = 0x1002;
@@ -21,6 +22,8 @@ fn device(name: &str, kind: DeviceKind, vendor: u32, uuid: &str, pci: Option<&st
         max_texel_elements: 1 << 27,
         max_groups_x: 65_535,
         subgroup_size: 32,
+        has_shuffles: true,
+        has_robust_loads: true,
         timestamp_period_ns: 1.0,
     }
 }
@@ -138,4 +141,42 @@ fn what_the_user_says_comes_before_the_scheduler() {
     let far = DeviceSelect::Auto.or_assigned(|name| (name == "CUDA_VISIBLE_DEVICES").then(|| "7".to_owned()));
     let refused = far.choose(&devices).expect_err("not here").to_string();
     assert!(refused.contains("CUDA_VISIBLE_DEVICES=7") && refused.contains("integrated"), "{refused}");
+}
+
+#[test]
+fn processors_take_lanes_and_everything_else_tiles() {
+    for info in mixed() {
+        let want = if info.kind == DeviceKind::Cpu { KernelFamily::Lanes } else { KernelFamily::Tiles };
+        assert_eq!(FamilySelect::Auto.choose(&info).expect("any device runs something"), want, "{}", info.name);
+    }
+}
+
+#[test]
+fn what_lanes_need_is_looked_for_and_named() {
+    let able = device("llvmpipe", DeviceKind::Cpu, 0x10005, "22", None);
+    for (unable, what) in [
+        (DeviceInfo { subgroup_size: 4, ..able.clone() }, "subgroups of 8 or more lanes"),
+        (DeviceInfo { has_shuffles: false, ..able.clone() }, "with shuffles"),
+        (DeviceInfo { max_texel_elements: 65_536, ..able.clone() }, "(it has 65536)"),
+        (DeviceInfo { has_robust_loads: false, ..able.clone() }, "robustBufferAccess2"),
+    ] {
+        assert_eq!(FamilySelect::Auto.choose(&unable).expect("tiles run everywhere"), KernelFamily::Tiles, "{what}");
+        let refused = FamilySelect::Only(KernelFamily::Lanes).choose(&unable).expect_err("lanes do not");
+        let refused = EngineError::from(refused);
+        // README.md, "Exit codes".
+        assert_eq!(refused.exit_code(), 69);
+        assert!(refused.to_string().contains(what), "{refused}");
+        assert!(refused.to_string().contains("--kernels tiles"), "says what to do: {refused}");
+    }
+}
+
+#[test]
+fn kernels_are_what_is_asked_for() {
+    for info in mixed() {
+        for family in [KernelFamily::Lanes, KernelFamily::Tiles] {
+            let asked: FamilySelect = family.to_string().parse().expect("names are read back");
+            assert_eq!(asked.choose(&info).expect("all of them can"), family, "{}", info.name);
+        }
+    }
+    assert!("warps".parse::<FamilySelect>().is_err(), "nothing else is a name");
 }

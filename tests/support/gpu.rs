@@ -4,7 +4,7 @@ use std::ops::Deref;
 use std::sync::OnceLock;
 
 use guard4d_kernels::vk::{HostAccess, take_validation_errors};
-use guard4d_kernels::{Device, DeviceSelect};
+use guard4d_kernels::{Device, DeviceOptions, DeviceSelect, FamilySelect};
 
 /// Derefs to the device; fails the test when it caused a validation error.
 pub(crate) struct Gpu(Device);
@@ -25,7 +25,7 @@ impl Drop for Gpu {
     }
 }
 
-/// The shared device (`GUARD4D_DEVICE` selects another than the default). `None`, with the reason
+/// The shared device (`GUARD4D_DEVICE` selects another than the default, `GUARD4D_KERNELS` its kernels). `None`, with the reason
 /// printed, without a driver; with `GUARD4D_REQUIRE_VULKAN` set that fails the test.
 pub(crate) fn device() -> Option<Gpu> {
     static DEVICE: OnceLock<Result<Device, String>> = OnceLock::new();
@@ -80,5 +80,6 @@ pub(crate) fn is_required() -> bool {
 fn open(host_access: HostAccess) -> Result<Device, String> {
     let wanted = std::env::var("GUARD4D_DEVICE").unwrap_or_else(|_| "auto".to_owned());
     let select: DeviceSelect = wanted.parse()?;
-    Device::open_with(&select, host_access).map_err(|e| e.to_string())
+    let kernels: FamilySelect = std::env::var("GUARD4D_KERNELS").unwrap_or_else(|_| "auto".to_owned()).parse()?;
+    Device::open_with(&select, DeviceOptions { host_access, kernels }).map_err(|e| e.to_string())
 }

@@ -52,6 +52,7 @@ pub(crate) fn body() -> ReceiptBody {
         device: DeviceRecord {
             name: "test".to_owned(),
             driver: "none 1".to_owned(),
+            kernels: Some("lanes".to_owned()),
             api_version: "1.2".to_owned(),
             repeatability: Repeatability::SameBytes,
         },

@@ -91,6 +91,7 @@ pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result
         device: DeviceRecord {
             name: info.name.clone(),
             driver: info.driver.clone(),
+            kernels: Some(device.family().to_string()),
             api_version: "1.2".to_owned(),
             repeatability: Repeatability::SameBytes,
         },

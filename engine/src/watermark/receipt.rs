@@ -141,6 +141,9 @@ pub struct DeviceRecord {
     pub name: String,
     /// Driver name and version.
     pub driver: String,
+    /// Kernel family; none in receipts from before there were two.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kernels: Option<String>,
     /// Vulkan version.
     pub api_version: String,
     /// What a second run gives.

@@ -7,6 +7,7 @@ use ash::vk;
 use ash::vk::Handle;
 
 use super::buffer::BufferInner;
+use super::family::{FamilySelect, KernelFamily};
 use super::memory::{Arena, Memory};
 use super::pipeline::PipelineCache;
 use super::recorder::Slot;
@@ -14,8 +15,6 @@ use super::select::DeviceSelect;
 use super::{check, debug};
 use crate::error::KernelError;
 
-/// Lanes that the lane kernels need in one subgroup; their workgroups are this wide.
-const MIN_SUBGROUP: u32 = 8;
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
 /// What runs the kernels.
@@ -68,6 +67,10 @@ pub struct DeviceInfo {
     pub max_groups_x: u32,
     /// Invocations per subgroup.
     pub subgroup_size: u32,
+    /// Whether compute shaders may pass values between the lanes of a subgroup.
+    pub has_shuffles: bool,
+    /// Whether loads out of range give zeros.
+    pub has_robust_loads: bool,
     /// Nanoseconds per timestamp tick.
     pub timestamp_period_ns: f32,
 }
@@ -88,13 +91,23 @@ pub struct MemoryUse {
 }
 
 /// How the host reaches the memory of buffers that kernels work in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum HostAccess {
     /// Directly where the driver maps it, through staging memory elsewhere.
+    #[default]
     Mapped,
     /// Through staging memory always, as on cards whose memory the host cannot see. Slower; for finding out on any
     /// machine what such a card would do.
     Staged,
+}
+
+/// How a device is opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DeviceOptions {
+    /// How the host reaches its memory.
+    pub host_access: HostAccess,
+    /// Which kernels it runs.
+    pub kernels: FamilySelect,
 }
 
 /// An open Vulkan device; cheap to clone.
@@ -115,6 +128,7 @@ pub(super) struct DeviceInner {
     pub(super) raw: ash::Device,
     pub(super) info: DeviceInfo,
     pub(super) host_access: HostAccess,
+    pub(super) family: KernelFamily,
     pub(super) queue_family: u32,
     pub(super) pipelines: PipelineCache,
     pub(super) slots: Mutex<Vec<Slot>>,
@@ -192,8 +206,22 @@ impl Instance {
             max_texel_elements: base.limits.max_texel_buffer_elements,
             max_groups_x: base.limits.max_compute_work_group_count[0],
             subgroup_size: subgroup.subgroup_size,
+            has_shuffles: subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE)
+                && subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE),
+            has_robust_loads: self.has_robust_loads(device),
             timestamp_period_ns: base.limits.timestamp_period,
         }
+    }
+
+    fn has_robust_loads(&self, device: vk::PhysicalDevice) -> bool {
+        if !self.has_extension(device, ash::ext::robustness2::NAME) {
+            return false;
+        }
+        let mut robustness = vk::PhysicalDeviceRobustness2FeaturesEXT::default();
+        let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut robustness);
+        // SAFETY: the chain holds only a structure that an extension of the device defines.
+        unsafe { self.raw.get_physical_device_features2(device, &mut features) };
+        robustness.robust_buffer_access2 == vk::TRUE
     }
 
     fn has_extension(&self, device: vk::PhysicalDevice, name: &CStr) -> bool {
@@ -251,20 +279,20 @@ impl Device {
         Ok(Instance::new()?.devices()?.into_iter().map(|(_, info)| info).collect())
     }
 
-    /// Opens the device that `select` means.
+    /// Opens the device that `select` means, with the kernels that suit it.
     ///
     /// # Errors
-    /// [`KernelError::NoDriver`], [`KernelError::NoDevice`], or [`KernelError::Unsuitable`] when
-    /// the device lacks subgroups of at least eight lanes with shuffles.
+    /// [`KernelError::NoDriver`], [`KernelError::NoDevice`], or [`KernelError::Unsuitable`] when the device has no compute
+    /// queue with timestamps.
     pub fn open(select: &DeviceSelect) -> Result<Self, KernelError> {
-        Self::open_with(select, HostAccess::Mapped)
+        Self::open_with(select, DeviceOptions::default())
     }
 
-    /// The same with a choice of how the host reaches its memory.
+    /// The same with a choice of how.
     ///
     /// # Errors
-    /// As [`Device::open`].
-    pub fn open_with(select: &DeviceSelect, host_access: HostAccess) -> Result<Self, KernelError> {
+    /// As [`Device::open`], and [`KernelError::Unsuitable`] when it cannot run the kernels that are asked for.
+    pub fn open_with(select: &DeviceSelect, options: DeviceOptions) -> Result<Self, KernelError> {
         let instance = Instance::new()?;
         let (handles, infos): (Vec<_>, Vec<_>) = instance.devices()?.into_iter().unzip();
         if infos.is_empty() {
@@ -272,20 +300,21 @@ impl Device {
         }
         let chosen = select.choose(&infos)?;
         let (physical, info) = (handles[chosen], infos[chosen].clone());
-        instance.require_subgroups(physical, &info)?;
+        let family = options.kernels.choose(&info)?;
         let queue_family = instance.compute_family(physical, &info)?;
-        let raw = instance.create_device(physical, queue_family)?;
+        let raw = instance.create_device(physical, &info, queue_family)?;
         // SAFETY: the family was requested with one queue.
         let queue = unsafe { raw.get_device_queue(queue_family, 0) };
         let memory = Memory::new(&instance.raw, &raw, physical, info.kind)?;
         let names = instance.messenger.is_some().then(|| ash::ext::debug_utils::Device::new(&instance.raw, &raw));
-        tracing::debug!(device = info.name, driver = info.driver, validated = names.is_some(), "opened");
+        tracing::debug!(device = info.name, driver = info.driver, %family, validated = names.is_some(), "opened");
         let inner = Arc::new(DeviceInner {
             raw,
             info,
-            host_access,
+            host_access: options.host_access,
+            family,
             queue_family,
-            pipelines: PipelineCache::default(),
+            pipelines: PipelineCache::new(family),
             slots: Mutex::default(),
             queue: Mutex::new(queue),
             memory: Mutex::new(Some(memory)),
@@ -299,6 +328,12 @@ impl Device {
     #[must_use]
     pub fn info(&self) -> &DeviceInfo {
         &self.inner.info
+    }
+
+    /// Which kernels it runs; a wrapper that has a program for each asks this.
+    #[must_use]
+    pub fn family(&self) -> KernelFamily {
+        self.inner.family
     }
 
     /// Device memory in buffers: now, at the peak, and how often some was taken.
@@ -355,25 +390,6 @@ impl Device {
 }
 
 impl Instance {
-    fn require_subgroups(&self, physical: vk::PhysicalDevice, info: &DeviceInfo) -> Result<(), KernelError> {
-        let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
-        let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut subgroup);
-        // SAFETY: subgroup properties are core since Vulkan 1.1.
-        unsafe { self.raw.get_physical_device_properties2(physical, &mut properties) };
-        let shuffles = subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE)
-            && subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE);
-        if subgroup.subgroup_size >= MIN_SUBGROUP && shuffles {
-            return Ok(());
-        }
-        Err(KernelError::Unsuitable {
-            device: info.name.clone(),
-            what: format!(
-                "subgroups of {MIN_SUBGROUP} or more lanes with shuffles in compute shaders (it has {})",
-                subgroup.subgroup_size
-            ),
-        })
-    }
-
     fn compute_family(&self, physical: vk::PhysicalDevice, info: &DeviceInfo) -> Result<u32, KernelError> {
         // SAFETY: the physical device belongs to this instance.
         let families = unsafe { self.raw.get_physical_device_queue_family_properties(physical) };
@@ -386,10 +402,15 @@ impl Instance {
         })
     }
 
-    fn create_device(&self, physical: vk::PhysicalDevice, family: u32) -> Result<ash::Device, KernelError> {
+    fn create_device(
+        &self,
+        physical: vk::PhysicalDevice,
+        device: &DeviceInfo,
+        family: u32,
+    ) -> Result<ash::Device, KernelError> {
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
-        // Out-of-range texel loads must return zero: the lane kernels pad with them.
-        let robust = self.has_extension(physical, ash::ext::robustness2::NAME);
+        // Texel loads out of range must give zeros: the lane kernels pad with them. The tile kernels look at the range.
+        let robust = device.has_robust_loads;
         let extensions: Vec<*const c_char> =
             if robust { vec![ash::ext::robustness2::NAME.as_ptr()] } else { Vec::new() };
         let mut robustness = vk::PhysicalDeviceRobustness2FeaturesEXT::default().robust_buffer_access2(true);

@@ -6,24 +6,25 @@ use std::sync::{Arc, Mutex};
 use ash::vk;
 
 use super::check;
+use super::family::KernelFamily;
 use crate::error::KernelError;
 
-/// How a descriptor is bound.
+/// What a shader declares, and so how a descriptor is bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BindingKind {
     /// Shader storage buffer.
     Storage,
-    /// Storage texel buffer of `rgba32f` texels.
+    /// Texels of four floats: a storage texel buffer in the lane kernels, a storage buffer in the tile kernels.
     TexelF32,
-    /// Storage texel buffer of `rgba32ui` texels.
+    /// Texels of four unsigned integers, likewise.
     TexelU32,
 }
 
 impl BindingKind {
-    pub(super) fn descriptor_type(self) -> vk::DescriptorType {
-        match self {
-            Self::Storage => vk::DescriptorType::STORAGE_BUFFER,
-            Self::TexelF32 | Self::TexelU32 => vk::DescriptorType::STORAGE_TEXEL_BUFFER,
+    pub(super) fn descriptor_type(self, family: KernelFamily) -> vk::DescriptorType {
+        match (self, family) {
+            (Self::Storage, _) | (_, KernelFamily::Tiles) => vk::DescriptorType::STORAGE_BUFFER,
+            (Self::TexelF32 | Self::TexelU32, KernelFamily::Lanes) => vk::DescriptorType::STORAGE_TEXEL_BUFFER,
         }
     }
 }
@@ -44,8 +45,10 @@ pub struct BindingDef {
 pub struct KernelDef {
     /// `family/stem`.
     pub name: &'static str,
-    /// SPIR-V bytes.
-    pub spirv: &'static [u8],
+    /// SPIR-V bytes of the lane kernel.
+    pub lanes: &'static [u8],
+    /// SPIR-V bytes of the tile kernel.
+    pub tiles: &'static [u8],
     /// Descriptors by binding number.
     pub bindings: &'static [BindingDef],
     /// Size of the push-constant block.
@@ -54,6 +57,15 @@ pub struct KernelDef {
     pub spec_ids: &'static [u32],
     /// Workgroup size.
     pub local_size: [u32; 3],
+}
+
+impl KernelDef {
+    fn spirv(&self, family: KernelFamily) -> &'static [u8] {
+        match family {
+            KernelFamily::Lanes => self.lanes,
+            KernelFamily::Tiles => self.tiles,
+        }
+    }
 }
 
 pub(super) struct Pipeline {
@@ -65,12 +77,17 @@ pub(super) struct Pipeline {
 /// Kernel name and bytes of its specialisation constants.
 type Key = (&'static str, Vec<u8>);
 
-#[derive(Default)]
+/// The pipelines of one device.
 pub(super) struct PipelineCache {
+    family: KernelFamily,
     made: Mutex<HashMap<Key, Arc<Pipeline>>>,
 }
 
 impl PipelineCache {
+    pub(super) fn new(family: KernelFamily) -> Self {
+        Self { family, made: Mutex::default() }
+    }
+
     pub(super) fn get(
         &self,
         device: &ash::Device,
@@ -81,7 +98,7 @@ impl PipelineCache {
         if let Some(pipeline) = made.get(&(kernel.name, spec.to_vec())) {
             return Ok(Arc::clone(pipeline));
         }
-        let pipeline = Arc::new(create(device, kernel, spec)?);
+        let pipeline = Arc::new(create(device, self.family, kernel, spec)?);
         made.insert((kernel.name, spec.to_vec()), Arc::clone(&pipeline));
         Ok(pipeline)
     }
@@ -101,14 +118,19 @@ impl PipelineCache {
     }
 }
 
-fn create(device: &ash::Device, kernel: &'static KernelDef, spec: &[u8]) -> Result<Pipeline, KernelError> {
+fn create(
+    device: &ash::Device,
+    family: KernelFamily,
+    kernel: &'static KernelDef,
+    spec: &[u8],
+) -> Result<Pipeline, KernelError> {
     let bindings: Vec<_> = kernel
         .bindings
         .iter()
         .map(|b| {
             vk::DescriptorSetLayoutBinding::default()
                 .binding(b.number)
-                .descriptor_type(b.kind.descriptor_type())
+                .descriptor_type(b.kind.descriptor_type(family))
                 .descriptor_count(1)
                 .stage_flags(vk::ShaderStageFlags::COMPUTE)
         })
@@ -120,7 +142,7 @@ fn create(device: &ash::Device, kernel: &'static KernelDef, spec: &[u8]) -> Resu
         .map(|(&id, i)| vk::SpecializationMapEntry { constant_id: id, offset: i * 4, size: 4 })
         .collect();
     let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(spec);
-    let words: Vec<u32> = kernel.spirv.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect();
+    let words: Vec<u32> = kernel.spirv(family).as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect();
     // SAFETY: the create infos live through each call; partially created objects leak only when
     // the device is already unusable.
     unsafe {

@@ -9,7 +9,7 @@ use ash::vk;
 use super::buffer::{Buffer, BufferInner, Element};
 use super::check;
 use super::device::{Device, DeviceInner};
-use super::pipeline::{BindingKind, KernelDef, Pipeline};
+use super::pipeline::{KernelDef, Pipeline};
 use crate::error::KernelError;
 
 /// Descriptor sets per pool; a recorder takes as many pools as it needs and keeps them.
@@ -473,12 +473,11 @@ impl Recorder {
         let limit = u64::from(self.device.info.max_storage_bytes);
         for (def, bound) in kernel.bindings.iter().zip(list) {
             let buffers = [vk::DescriptorBufferInfo::default().buffer(bound.buffer.handle).range(vk::WHOLE_SIZE)];
-            let write = vk::WriteDescriptorSet::default()
-                .dst_set(set)
-                .dst_binding(def.number)
-                .descriptor_type(def.kind.descriptor_type());
+            let descriptor_type = def.kind.descriptor_type(self.device.family);
+            let write =
+                vk::WriteDescriptorSet::default().dst_set(set).dst_binding(def.number).descriptor_type(descriptor_type);
             let views;
-            let write = if def.kind == BindingKind::Storage {
+            let write = if descriptor_type == vk::DescriptorType::STORAGE_BUFFER {
                 if bound.buffer.bytes > limit {
                     return Err(too_large(kernel.name, def.name, bound, limit));
                 }

@@ -1,0 +1,16 @@
+// Buffers of four-component texels that a shader only reads; an index out of range gives zeros.
+//   TEXELS_F32(binding, name);   TEXELS_U32(binding, name);   texel_load(name, index)
+// In the lane kernels texel buffers, whose loads the drivers of processors do eight at a time; in the tile kernels
+// (TILES) storage buffers, whose size no driver limits to less than 128 MiB.
+#ifdef TILES
+#define TEXELS(binding_number, type, name) \
+    layout(set = 0, binding = binding_number, std430) readonly buffer Texels_##name { type name[]; }; \
+    type load_##name(int i) { return uint(i) < uint(name.length()) ? name[i] : type(0); }
+#define TEXELS_F32(binding_number, name) TEXELS(binding_number, vec4, name)
+#define TEXELS_U32(binding_number, name) TEXELS(binding_number, uvec4, name)
+#define texel_load(name, i) load_##name(i)
+#else
+#define TEXELS_F32(binding_number, name) layout(set = 0, binding = binding_number, rgba32f) uniform readonly imageBuffer name
+#define TEXELS_U32(binding_number, name) layout(set = 0, binding = binding_number, rgba32ui) uniform readonly uimageBuffer name
+#define texel_load imageLoad
+#endif
