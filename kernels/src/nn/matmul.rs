@@ -103,12 +103,7 @@ struct Operands<'a> {
     activation: Activation,
 }
 
-fn forward_lanes(
-    rec: &mut Recorder,
-    operands: &Operands,
-    rows: usize,
-    c: &mut Buffer<f32>,
-) -> Result<(), KernelError> {
+fn forward_lanes(rec: &mut Recorder, operands: &Operands, rows: usize, c: &mut Buffer<f32>) -> Result<(), KernelError> {
     let Operands { a, weight, bias, aux, mode, activation } = *operands;
     let (n, k) = (weight.n(), weight.k());
     let blocks = BLOCKS.into_iter().find(|b| (n / LANES).is_multiple_of(*b)).unwrap_or(1);
@@ -119,12 +114,7 @@ fn forward_lanes(
     rec.dispatch_spec(bind, params, spec, grid)
 }
 
-fn forward_tiles(
-    rec: &mut Recorder,
-    operands: &Operands,
-    rows: usize,
-    c: &mut Buffer<f32>,
-) -> Result<(), KernelError> {
+fn forward_tiles(rec: &mut Recorder, operands: &Operands, rows: usize, c: &mut Buffer<f32>) -> Result<(), KernelError> {
     let Operands { a, weight, bias, aux, mode, activation } = *operands;
     let (n, k) = (weight.n(), weight.k());
     let (per_thread, grid) = tiling(rows, n);
