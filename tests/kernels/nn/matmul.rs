@@ -9,14 +9,23 @@ use guard4d_kernels::reference::nn::pack as pack_twin;
 
 use super::{dot, run, unwritten, upload};
 use crate::support::close::assert_close;
-use crate::support::gpu::device;
+use crate::support::gpu::{device, each_family};
 use crate::support::gradcheck::gradcheck;
 use crate::support::poison;
 use crate::support::random::Random;
 
-/// (rows, n, k): every tile width, rows that do not fill a tile.
-const SHAPES: [(usize, usize, usize); 8] =
-    [(1, 8, 4), (7, 16, 8), (16, 32, 12), (17, 48, 20), (33, 96, 64), (5, 40, 36), (50, 24, 16), (16, 128, 128)];
+/// (rows, n, k): every tile width, rows that do not fill a tile, and so many rows and columns that GPUs get large tiles.
+const SHAPES: [(usize, usize, usize); 9] = [
+    (1, 8, 4),
+    (7, 16, 8),
+    (16, 32, 12),
+    (17, 48, 20),
+    (33, 96, 64),
+    (5, 40, 36),
+    (50, 24, 16),
+    (16, 128, 128),
+    (1030, 1032, 36),
+];
 
 #[test]
 fn twin_gradients_match_differences() {
@@ -143,6 +152,29 @@ fn weight_gradient_follows_the_twin() {
         // At most 64 terms below 1, summed in the same order.
         assert_close(&v_w.read().expect("read"), &twin::weight_gradient(&a, &v_c, n, k), 1e-5, 1e-5);
     }
+}
+
+#[test]
+fn both_families_agree() {
+    let Some(devices) = each_family() else { return };
+    let (rows, n, k) = (70, 1048, 1032);
+    let mut random = Random(11);
+    let (a, w) = (random.vec_f32(rows * k, -1.0, 1.0), random.vec_f32(n * k, -1.0, 1.0));
+    let (aux, v_c) = (random.vec_f32(rows * n, -1.0, 1.0), random.vec_f32(rows * n, -1.0, 1.0));
+    let [lanes, tiles] = devices.map(|gpu| {
+        let weight = PackedWeight::new(&gpu, "w", &w, n, k).expect("packs");
+        let [a, aux, v_c] = [&a, &aux, &v_c].map(|data| upload(&gpu, data));
+        let (mut c, mut v_w) = (unwritten(&gpu, rows * n), unwritten(&gpu, n * k));
+        let mut scratch = GradScratch::new(&gpu, "w", rows, n, k).expect("scratch");
+        run(&gpu, |rec| {
+            forward(rec, &Product { epilogue: Epilogue::Add(&aux), ..Product::plain(&a, rows, &weight) }, &mut c)?;
+            weight_gradient(rec, &a, &v_c, &mut scratch, &mut v_w)
+        });
+        [c.read().expect("read"), v_w.read().expect("read")]
+    });
+    // Both add 1032 (70) products below 1 in one order; a device may round after each or fuse it with its sum.
+    assert_close(&tiles[0], &lanes[0], 1e-4, 1e-5);
+    assert_close(&tiles[1], &lanes[1], 1e-5, 1e-5);
 }
 
 #[test]
