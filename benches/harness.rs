@@ -55,6 +55,16 @@ impl Row {
         Quartiles::of(&self.core_seconds)
     }
 
+    /// CPU seconds of the fastest run: what the code takes when nobody else slows the core down.
+    pub(crate) fn best_core_seconds(&self) -> f64 {
+        self.core_seconds.iter().copied().fold(f64::NAN, f64::min)
+    }
+
+    /// The shortest run by the device's clock, or by the one on the wall.
+    pub(crate) fn best_seconds(&self) -> f64 {
+        self.seconds.iter().copied().fold(f64::NAN, f64::min)
+    }
+
     fn work(&self) -> Option<f64> {
         match self.work {
             Work::Flops(work, _) | Work::Bytes(work, _) => Some(work),
@@ -65,6 +75,11 @@ impl Row {
     /// Operations or bytes per second.
     pub(crate) fn rate(&self) -> Option<f64> {
         self.work().map(|work| work / self.time().median)
+    }
+
+    /// Operations or bytes per CPU second of the fastest run.
+    pub(crate) fn best_core_rate(&self) -> Option<f64> {
+        self.work().map(|work| work / self.best_core_seconds())
     }
 
     /// Operations or bytes per CPU second.

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use bytesize::ByteSize;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use guard4d_engine::clip::Precision;
 use guard4d_kernels::{DeviceSelect, FamilySelect};
 
 /// Writes an owner's message into 4D Gaussian splat assets and reads it back from rendered video.
@@ -43,6 +44,11 @@ pub(crate) struct Common {
     /// `auto` takes lanes on a processor whose driver can run them, tiles elsewhere. Both compute the same up to rounding.
     #[arg(long, global = true, default_value = "auto", env = "GUARD4D_KERNELS")]
     pub(crate) kernels: FamilySelect,
+    /// How the matrices of CLIP's image tower are kept: f32, or fixed16, which takes half the memory and is faster
+    ///
+    /// An element of a 16-bit row is off by at most 2⁻¹⁶ of the row's largest. Keys do not depend on it.
+    #[arg(long, global = true, default_value_t, value_name = "PRECISION")]
+    pub(crate) precision: Precision,
     /// Most device memory to take, such as 512MiB or 4GB; `embed` then keeps fewer clips at hand, to the same result
     #[arg(long, global = true, value_name = "SIZE", env = "GUARD4D_VRAM_BUDGET")]
     pub(crate) vram_budget: Option<ByteSize>,

@@ -1,6 +1,7 @@
 //! `guard4d devices`, and opening the one that a command runs on.
 
 use guard4d_engine::EngineError;
+use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_kernels::{Device, DeviceOptions, DeviceSelect};
 use serde::Serialize;
 
@@ -30,6 +31,11 @@ pub(crate) fn open(common: &Common) -> Result<Device, EngineError> {
         device.limit_memory(budget.as_u64());
     }
     Ok(device)
+}
+
+/// Loads a checkpoint in the precision that was asked for.
+pub(crate) fn load_clip(device: &Device, source: &ClipSource, common: &Common) -> Result<Clip, EngineError> {
+    Ok(Clip::load(device, source)?.in_precision(common.precision))
 }
 
 fn select(common: &Common) -> DeviceSelect {

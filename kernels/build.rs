@@ -1,5 +1,7 @@
-//! Compiles every `glsl/**/*.comp` to SPIR-V 1.5 for both kernel families, reflects it, and writes the typed registry.
-//! Any failure stops the build.
+//! Compiles every `glsl/**/*.comp` to SPIR-V 1.5, reflects it, and writes the typed registry. Any failure stops the build.
+//!
+//! `X.comp` becomes a program of both kernel families, unless `X_tile.comp` is beside it: then each is one of its family.
+//! `X_coop.comp` needs cooperative matrices and serves either family of a device that has them.
 
 #[path = "build/compile.rs"]
 mod compile;
@@ -13,6 +15,21 @@ use std::{env, fs};
 
 /// What the shaders of the portable family see defined; `glsl/lib/texels.glsl` and `shuffle.glsl` say what it changes.
 const TILES: &str = "TILES";
+
+/// Ends the name of a shader that is another one's tile kernel.
+const TILE_SUFFIX: &str = "_tile";
+/// Ends the name of a shader over cooperative matrices.
+const COOP_SUFFIX: &str = "_coop";
+
+/// A kernel and the names of its SPIR-V files in `OUT_DIR`, for each family that it has a program of.
+pub(crate) struct Programs {
+    /// The interface, the same in all programs.
+    pub kernel: reflect::Kernel,
+    /// For `KernelFamily::Lanes`.
+    pub lanes: Option<String>,
+    /// For `KernelFamily::Tiles`.
+    pub tiles: Option<String>,
+}
 
 /// One source file together with the defines of one variant of it.
 pub(crate) struct Unit {
@@ -30,17 +47,46 @@ fn main() {
     println!("cargo:rerun-if-changed=build");
     println!("cargo:rerun-if-changed=build.rs");
 
-    let mut kernels = Vec::new();
-    for unit in units(&glsl) {
-        let file = unit.name.replace('/', "__");
-        let lanes = module(&unit, &out.join(format!("{file}.lanes.spv")));
-        let portable = Unit { source: with_defines(&unit.source, &[TILES.to_owned()]), ..unit };
-        let tiles = module(&portable, &out.join(format!("{file}.tiles.spv")));
-        reflect::check_portable(&lanes, &tiles).unwrap_or_else(|why| panic!("glsl/{}.comp: {why}", portable.name));
-        kernels.push((lanes.kernel, file));
-    }
+    let units = units(&glsl);
+    let names: Vec<_> = units.iter().map(|unit| unit.name.clone()).collect();
+    let has_tile = |name: &str| names.contains(&format!("{name}{TILE_SUFFIX}"));
+    let kernels: Vec<_> = units
+        .into_iter()
+        .map(|unit| {
+            let own_tile = has_tile(&unit.name);
+            programs(unit, own_tile, &out)
+        })
+        .collect();
     let registry = out.join("registry.rs");
     fs::write(&registry, generate::registry(&kernels)).unwrap_or_else(|e| panic!("{}: {e}", registry.display()));
+}
+
+/// The programs of one unit, compiled and checked; `has_tile` when another unit is its tile kernel.
+fn programs(unit: Unit, has_tile: bool, out: &Path) -> Programs {
+    let file = unit.name.replace('/', "__");
+    let compiled = |unit: &Unit, kind: &str| {
+        let spv = format!("{file}.{kind}.spv");
+        (module(unit, &out.join(&spv)), Some(spv))
+    };
+    let refuse = |why: String| -> () { panic!("glsl/{}.comp: {why}", unit.name) };
+    if unit.name.ends_with(TILE_SUFFIX) {
+        let (tiles, spv) = compiled(&unit, "tiles");
+        reflect::check_tiles(&tiles).unwrap_or_else(refuse);
+        return Programs { kernel: tiles.kernel, lanes: None, tiles: spv };
+    }
+    if unit.name.ends_with(COOP_SUFFIX) {
+        let (coop, spv) = compiled(&unit, "coop");
+        reflect::check_coop(&coop).unwrap_or_else(refuse);
+        return Programs { kernel: coop.kernel, lanes: spv.clone(), tiles: spv };
+    }
+    let (lanes, lanes_spv) = compiled(&unit, "lanes");
+    if has_tile {
+        return Programs { kernel: lanes.kernel, lanes: lanes_spv, tiles: None };
+    }
+    let portable = Unit { source: with_defines(&unit.source, &[TILES.to_owned()]), name: unit.name.clone() };
+    let (tiles, tiles_spv) = compiled(&portable, "tiles");
+    reflect::check_tiles(&tiles).and_then(|()| reflect::check_exchangeable(&lanes, &tiles)).unwrap_or_else(refuse);
+    Programs { kernel: lanes.kernel, lanes: lanes_spv, tiles: tiles_spv }
 }
 
 /// Compiles one unit into the file `spv` and reflects it.

@@ -73,9 +73,11 @@ fn assert_none(rule: &str, found: &[String]) {
     assert!(found.is_empty(), "{rule}:\n  {}", found.join("\n  "));
 }
 
-/// The operation of a kernel file: its stem without the last `_verb`.
+/// The operation of a kernel file: its stem without the last `_verb`, behind which the name of a kernel for GPUs has
+/// `_tile` or `_coop`.
 fn op_of(stem: &str) -> Option<&str> {
-    stem.rsplit_once('_').map(|(op, _verb)| op)
+    let named = ["_tile", "_coop"].iter().find_map(|kind| stem.strip_suffix(kind)).unwrap_or(stem);
+    named.rsplit_once('_').map(|(op, _verb)| op)
 }
 
 /// Whether a wrapper or a shader writes a gradient: it has a function `backward*`, or a buffer named `v_*`, which by
@@ -174,8 +176,11 @@ fn mirror_rule_names_each_gap() {
     }
     let complete = with("let error = gradcheck(f, &x, &grad);", gradient, slot);
     assert!(complete.is_empty(), "nothing is missing: {complete:?}");
-    let verbless = mirror_gaps("nn", "gelu", |_| Some(String::new()));
-    assert_eq!(verbless.len(), 1, "a kernel name needs a verb: {verbless:?}");
+    for verbless in ["gelu", "gelu_tile"] {
+        let gaps = mirror_gaps("nn", verbless, |_| Some(String::new()));
+        assert_eq!(gaps.len(), 1, "a kernel name needs a verb: {gaps:?}");
+    }
+    assert_eq!(op_of("conv3d_bwd_tile"), Some("conv3d"), "the kernel for GPUs is one of the same operation");
 }
 
 /// What is missing when no code of its family's benchmark names the operation of a kernel.

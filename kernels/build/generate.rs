@@ -3,23 +3,23 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use crate::Programs;
 use crate::reflect::{Binding, Kernel, Kind, Scalar};
 
-/// The registry's source text, families and kernels sorted by name; each kernel comes with the name of its SPIR-V
-/// files in `OUT_DIR`, without `.lanes.spv` and `.tiles.spv`. The text depends on the shaders' interfaces alone, so that
-/// two compilers that agree on them yield the same bytes.
-pub(crate) fn registry(kernels: &[(Kernel, String)]) -> String {
-    let mut families: BTreeMap<&str, Vec<(&str, &Kernel, &str)>> = BTreeMap::new();
-    for (kernel, spv) in kernels {
-        let (family, stem) = kernel.name.split_once('/').expect("names are family/stem");
-        families.entry(family).or_default().push((stem, kernel, spv));
+/// The registry's source text, families and kernels sorted by name. The text depends on the shaders' interfaces alone, so
+/// that two compilers that agree on them yield the same bytes.
+pub(crate) fn registry(kernels: &[Programs]) -> String {
+    let mut families: BTreeMap<&str, Vec<(&str, &Programs)>> = BTreeMap::new();
+    for programs in kernels {
+        let (family, stem) = programs.kernel.name.split_once('/').expect("names are family/stem");
+        families.entry(family).or_default().push((stem, programs));
     }
     let mut out = String::new();
     let mut all = String::new();
     for (family, list) in families {
         let _ = writeln!(out, "/// Kernels of `glsl/{family}`.\npub mod {family} {{");
-        for (stem, kernel, spv) in list {
-            module(&mut out, stem, kernel, spv);
+        for (stem, programs) in list {
+            module(&mut out, stem, programs);
             let _ = writeln!(all, "    &{family}::{stem}::KERNEL,");
         }
         out.push_str("}\n");
@@ -28,22 +28,25 @@ pub(crate) fn registry(kernels: &[(Kernel, String)]) -> String {
     out
 }
 
-fn module(out: &mut String, stem: &str, kernel: &Kernel, spv: &str) {
+fn module(out: &mut String, stem: &str, Programs { kernel, lanes, tiles }: &Programs) {
     let _ = writeln!(out, "/// `glsl/{}.comp`.\npub mod {stem} {{", kernel.name);
     params(out, kernel);
     spec(out, kernel);
     bind(out, kernel);
     let bindings: String = kernel.bindings.iter().map(binding_def).collect();
     let [x, y, z] = kernel.local_size;
-    let spirv = |family: &str| format!("include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{spv}.{family}.spv\"))");
+    let spirv = |file: &Option<String>| match file {
+        Some(file) => format!("Some(include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{file}\")))"),
+        None => "None".to_owned(),
+    };
     let _ = writeln!(
         out,
         "/// Reflected description.\npub static KERNEL: crate::vk::KernelDef = crate::vk::KernelDef {{ \
          name: {name:?}, lanes: {lanes}, tiles: {tiles}, bindings: &[{bindings}], \
          params_bytes: {bytes}, spec_ids: &{ids:?}, local_size: [{x}, {y}, {z}] }};\n}}",
         name = kernel.name,
-        lanes = spirv("lanes"),
-        tiles = spirv("tiles"),
+        lanes = spirv(lanes),
+        tiles = spirv(tiles),
         bytes = kernel.params.len() * 4,
         ids = kernel.spec.iter().map(|s| s.0).collect::<Vec<_>>(),
     );

@@ -110,27 +110,51 @@ pub(crate) fn module(name: &str, words: &[u32]) -> Result<Reflected, String> {
     Ok(Reflected { kernel, capabilities, shared_bytes })
 }
 
-/// Checks that the host may exchange both modules, but for how texels are bound, and that `tiles` runs on any device.
-pub(crate) fn check_portable(lanes: &Reflected, tiles: &Reflected) -> Result<(), String> {
-    if let Some(foreign) = tiles.capabilities.iter().find(|c| !matches!(c, Capability::Shader)) {
-        return Err(format!("the tile kernel needs the capability {foreign:?}"));
-    }
-    if tiles.shared_bytes > MAX_SHARED_BYTES {
-        let bytes = tiles.shared_bytes;
-        return Err(format!("the tile kernel takes {bytes} bytes of workgroup memory, more than {MAX_SHARED_BYTES}"));
-    }
-    let invocations: u32 = tiles.kernel.local_size.iter().product();
-    if invocations > MAX_INVOCATIONS {
-        return Err(format!(
-            "a workgroup of the tile kernel has {invocations} invocations, more than {MAX_INVOCATIONS}"
-        ));
-    }
+/// Checks that a tile kernel runs on any device.
+pub(crate) fn check_tiles(tiles: &Reflected) -> Result<(), String> {
+    check_needs(tiles, &[Capability::Shader])?;
     if let Some(texels) = tiles.kernel.bindings.iter().find(|b| b.kind == Kind::Texel) {
         return Err(format!(
             "`{}` is a texel buffer in the tile kernel too: declare it by lib/texels.glsl",
             texels.name
         ));
     }
+    Ok(())
+}
+
+/// Checks that a kernel over cooperative matrices needs no more than `Instance::cooperation` in
+/// `kernels/src/vk/cooperation.rs` asks of a device.
+pub(crate) fn check_coop(coop: &Reflected) -> Result<(), String> {
+    let granted = [
+        Capability::Shader,
+        Capability::Float16,
+        Capability::GroupNonUniform,
+        Capability::VulkanMemoryModel,
+        Capability::CooperativeMatrixKHR,
+    ];
+    check_needs(coop, &granted)
+}
+
+/// Checks what a module asks of a device.
+fn check_needs(module: &Reflected, granted: &[Capability]) -> Result<(), String> {
+    if let Some(foreign) = module.capabilities.iter().find(|c| !granted.contains(c)) {
+        return Err(format!("the tile kernel needs the capability {foreign:?}"));
+    }
+    if module.shared_bytes > MAX_SHARED_BYTES {
+        let bytes = module.shared_bytes;
+        return Err(format!("the tile kernel takes {bytes} bytes of workgroup memory, more than {MAX_SHARED_BYTES}"));
+    }
+    let invocations: u32 = module.kernel.local_size.iter().product();
+    if invocations > MAX_INVOCATIONS {
+        return Err(format!(
+            "a workgroup of the tile kernel has {invocations} invocations, more than {MAX_INVOCATIONS}"
+        ));
+    }
+    Ok(())
+}
+
+/// Checks that the host may exchange both modules, but for how texels are bound.
+pub(crate) fn check_exchangeable(lanes: &Reflected, tiles: &Reflected) -> Result<(), String> {
     let mut expected = lanes.kernel.clone();
     for binding in &mut expected.bindings {
         binding.kind = Kind::Storage;

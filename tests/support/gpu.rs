@@ -4,7 +4,7 @@ use std::ops::Deref;
 use std::sync::OnceLock;
 
 use guard4d_kernels::vk::{HostAccess, take_validation_errors};
-use guard4d_kernels::{Device, DeviceOptions, DeviceSelect, FamilySelect};
+use guard4d_kernels::{Device, DeviceOptions, DeviceSelect, FamilySelect, KernelFamily};
 
 /// Derefs to the device; fails the test when it caused a validation error.
 pub(crate) struct Gpu(Device);
@@ -77,9 +77,27 @@ pub(crate) fn is_required() -> bool {
     std::env::var_os("GUARD4D_REQUIRE_VULKAN").is_some()
 }
 
+/// The device once for each kernel family. `None`, with the reason printed, without a driver or where the device runs the
+/// tile kernels only.
+pub(crate) fn each_family() -> Option<[Gpu; 2]> {
+    drop(device()?);
+    let open = |family| open_with(DeviceOptions { kernels: FamilySelect::Only(family), ..DeviceOptions::default() });
+    match open(KernelFamily::Lanes) {
+        Ok(lanes) => Some([Gpu(lanes), Gpu(open(KernelFamily::Tiles).expect("every device runs the tile kernels"))]),
+        Err(why) => {
+            super::skipped(&why);
+            None
+        }
+    }
+}
+
 fn open(host_access: HostAccess) -> Result<Device, String> {
+    let kernels: FamilySelect = std::env::var("GUARD4D_KERNELS").unwrap_or_else(|_| "auto".to_owned()).parse()?;
+    open_with(DeviceOptions { host_access, kernels })
+}
+
+fn open_with(options: DeviceOptions) -> Result<Device, String> {
     let wanted = std::env::var("GUARD4D_DEVICE").unwrap_or_else(|_| "auto".to_owned());
     let select: DeviceSelect = wanted.parse()?;
-    let kernels: FamilySelect = std::env::var("GUARD4D_KERNELS").unwrap_or_else(|_| "auto".to_owned()).parse()?;
-    Device::open_with(&select, DeviceOptions { host_access, kernels }).map_err(|e| e.to_string())
+    Device::open_with(&select, options).map_err(|e| e.to_string())
 }

@@ -1,12 +1,17 @@
 //! Multi-head attention without a score matrix in memory.
 
 use super::{as_i32, as_u32, expect_len, expect_multiple, shape_error};
-use crate::registry::nn::{attention_delta, attention_fwd, attention_vkv, attention_vq};
-use crate::{Buffer, Device, Grid, KernelError, Recorder};
+use crate::registry::nn::{
+    attention_delta, attention_fwd, attention_fwd_tile, attention_vkv, attention_vkv_tile, attention_vq,
+    attention_vq_tile,
+};
+use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder};
 
 const KERNEL: &str = "nn/attention";
-/// Queries or keys that one workgroup computes: `TILE` of `glsl/lib/attention_tile.glsl`.
-const TILE: usize = 16;
+/// Queries or keys that one workgroup of the lane kernels computes: `TILE` of `glsl/lib/attention_tile.glsl`.
+const LANE_ROWS: usize = 16;
+/// The same of the tile kernels: `TILE` of `glsl/lib/attention_block.glsl`.
+const TILE_ROWS: usize = 32;
 
 /// Which keys a query sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -171,8 +176,12 @@ fn head_scale(head_dim: usize) -> f32 {
     1.0 / (head_dim as f32).sqrt()
 }
 
-fn grid(shape: &AttentionShape, rows: usize) -> Grid {
-    Grid::groups(as_u32(rows.div_ceil(TILE)), as_u32(shape.heads), as_u32(shape.batch))
+fn grid(family: KernelFamily, shape: &AttentionShape, rows: usize) -> Grid {
+    let tile = match family {
+        KernelFamily::Lanes => LANE_ROWS,
+        KernelFamily::Tiles => TILE_ROWS,
+    };
+    Grid::groups(as_u32(rows.div_ceil(tile)), as_u32(shape.heads), as_u32(shape.batch))
 }
 
 /// `attn = softmax(Q Kᵀ / √head_dim) V` per head.
@@ -181,6 +190,9 @@ fn grid(shape: &AttentionShape, rows: usize) -> Grid {
 /// in `inputs`, see [`Projections`] · out `attn` [batch*queries, width] (=) · `state.lse` [batch, heads, queries] (=)
 /// # Equation: Vaswani et al. 2017, eq. 1; running maximum after Milakov & Gimelshein 2018
 /// # Determinism: bitwise; no atomics
+/// # Cost
+/// 4·batch·queries·keys·width operations; a tile of r queries reads all keys and values, so 8·batch·keys·width·queries/r
+/// bytes of memory or cache, r = 16 for lanes and 32 for tiles.
 ///
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.
@@ -197,9 +209,18 @@ pub fn forward(
     if shape.keys == 0 {
         return Ok(());
     }
-    let (spec, params) = tile_constants!(attention_fwd, shape, &layout);
-    let bind = attention_fwd::Bind { q_tex: layout.q, kv_tex: layout.kv, attn, lse: &mut state.lse };
-    rec.dispatch_spec(bind, params, spec, grid(shape, shape.queries))
+    let grid = grid(rec.family(), shape, shape.queries);
+    let (q, kv, lse) = (layout.q, layout.kv, &mut state.lse);
+    match rec.family() {
+        KernelFamily::Lanes => {
+            let (spec, params) = tile_constants!(attention_fwd, shape, &layout);
+            rec.dispatch_spec(attention_fwd::Bind { q_tex: q, kv_tex: kv, attn, lse }, params, spec, grid)
+        }
+        KernelFamily::Tiles => {
+            let (spec, params) = tile_constants!(attention_fwd_tile, shape, &layout);
+            rec.dispatch_spec(attention_fwd_tile::Bind { q, kv, attn, lse }, params, spec, grid)
+        }
+    }
 }
 
 /// What the backward pass reads.
@@ -219,6 +240,8 @@ pub struct Upstream<'a> {
 /// in [`Upstream`] · `state` of the forward pass · out `grads` (=), see [`ProjectionGrads`]
 /// # Equation: Dao et al. 2022, algorithm 4
 /// # Determinism: bitwise; no atomics
+/// # Cost
+/// 14·batch·queries·keys·width operations: each of both passes computes the scores again.
 ///
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.
@@ -281,10 +304,19 @@ fn v_q(
     state: &AttentionState,
     v_q: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
-    let (spec, params) = tile_constants!(attention_vq, shape, layout);
-    let (lse, delta) = (&state.lse, &state.delta);
-    let bind = attention_vq::Bind { q_tex: layout.q, kv_tex: layout.kv, v_attn_tex: v_attn, lse, delta, v_q };
-    rec.dispatch_spec(bind, params, spec, grid(shape, shape.queries))
+    let grid = grid(rec.family(), shape, shape.queries);
+    let (q, kv, lse, delta) = (layout.q, layout.kv, &state.lse, &state.delta);
+    match rec.family() {
+        KernelFamily::Lanes => {
+            let (spec, params) = tile_constants!(attention_vq, shape, layout);
+            let bind = attention_vq::Bind { q_tex: q, kv_tex: kv, v_attn_tex: v_attn, lse, delta, v_q };
+            rec.dispatch_spec(bind, params, spec, grid)
+        }
+        KernelFamily::Tiles => {
+            let (spec, params) = tile_constants!(attention_vq_tile, shape, layout);
+            rec.dispatch_spec(attention_vq_tile::Bind { q, kv, v_attn, lse, delta, v_q }, params, spec, grid)
+        }
+    }
 }
 
 fn v_kv(
@@ -294,8 +326,17 @@ fn v_kv(
     state: &AttentionState,
     v_kv: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
-    let (spec, params) = tile_constants!(attention_vkv, shape, layout);
-    let (lse, delta) = (&state.lse, &state.delta);
-    let bind = attention_vkv::Bind { q_tex: layout.q, kv_tex: layout.kv, v_attn_tex: v_attn, lse, delta, v_kv };
-    rec.dispatch_spec(bind, params, spec, grid(shape, shape.keys))
+    let grid = grid(rec.family(), shape, shape.keys);
+    let (q, kv, lse, delta) = (layout.q, layout.kv, &state.lse, &state.delta);
+    match rec.family() {
+        KernelFamily::Lanes => {
+            let (spec, params) = tile_constants!(attention_vkv, shape, layout);
+            let bind = attention_vkv::Bind { q_tex: q, kv_tex: kv, v_attn_tex: v_attn, lse, delta, v_kv };
+            rec.dispatch_spec(bind, params, spec, grid)
+        }
+        KernelFamily::Tiles => {
+            let (spec, params) = tile_constants!(attention_vkv_tile, shape, layout);
+            rec.dispatch_spec(attention_vkv_tile::Bind { q, kv, v_attn, lse, delta, v_kv }, params, spec, grid)
+        }
+    }
 }

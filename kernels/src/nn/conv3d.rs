@@ -1,13 +1,24 @@
 //! 3×3×3 convolution over clips, stride 1, channels last, with its gradients.
 
-use crate::registry::nn::{conv3d_bwd, conv3d_correlate, conv3d_fwd, conv3d_reduce, conv3d_transpose};
+use crate::registry::nn::{
+    conv3d_bwd, conv3d_bwd_tile, conv3d_correlate, conv3d_correlate_tile, conv3d_fwd, conv3d_fwd_tile, conv3d_reduce,
+    conv3d_transpose,
+};
 use crate::shape::{Accumulate, ClipShape, dim, dim_signed, expect_len};
-use crate::{Buffer, Device, Grid, KernelError, Recorder};
+use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder};
 
 /// Taps of the kernel.
 pub const TAPS: usize = 27;
-/// Pixels of a row that one workgroup of the convolution owns.
+/// Taps along frames.
+const FRAME_TAPS: u32 = 3;
+/// Pixels of a row that one workgroup owns.
 const SPAN_PX: usize = 32;
+/// Rows of one workgroup of the tile kernels: `TILE_H` of `glsl/lib/conv3d_halo.glsl`.
+const TILE_ROWS: usize = 16;
+/// The same of the weight gradient: `TILE_H` of `glsl/nn/conv3d_correlate_tile.comp`.
+const GRADIENT_TILE_ROWS: usize = 4;
+/// Most tiles of a chunk: at 48 turns of a loop per tile or fewer, some drivers stop after 65,535.
+const MAX_CHUNK_TILES: usize = 1024;
 /// Widest block of output texels in one workgroup; four keep the accumulators in the L1 cache.
 const MAX_BLOCK4: u32 = 4;
 /// Widest block of output texels of the weight gradient, whose accumulators also span the input.
@@ -140,15 +151,34 @@ impl Conv3d {
         self.shape.frames * self.shape.height
     }
 
-    fn chunk_rows(&self) -> usize {
-        let spans = self.shape.width.div_ceil(8).max(1);
-        let steps = self.rows() * spans;
-        let chunks = (steps / STEPS_PER_CHUNK).clamp(1, WANTED_CHUNKS).max(steps.div_ceil(MAX_STEPS));
-        self.rows().div_ceil(chunks).max(1)
+    /// Tiles of the weight gradient's tile kernel.
+    fn gradient_tiles(&self) -> usize {
+        let ClipShape { frames, height, width } = self.shape;
+        frames * height.div_ceil(GRADIENT_TILE_ROWS) * width.div_ceil(SPAN_PX)
     }
 
-    fn chunks(&self) -> usize {
-        self.rows().div_ceil(self.chunk_rows())
+    /// How much of the clip one partial weight gradient covers: rows for lanes, tiles for tiles.
+    fn chunk_parts(&self, family: KernelFamily) -> usize {
+        match family {
+            KernelFamily::Lanes => {
+                let spans = self.shape.width.div_ceil(8).max(1);
+                let steps = self.rows() * spans;
+                let chunks = (steps / STEPS_PER_CHUNK).clamp(1, WANTED_CHUNKS).max(steps.div_ceil(MAX_STEPS));
+                self.rows().div_ceil(chunks).max(1)
+            }
+            KernelFamily::Tiles => {
+                let chunks = WANTED_CHUNKS.max(self.gradient_tiles().div_ceil(MAX_CHUNK_TILES));
+                self.gradient_tiles().div_ceil(chunks).max(1)
+            }
+        }
+    }
+
+    fn chunks(&self, family: KernelFamily) -> usize {
+        let parts = match family {
+            KernelFamily::Lanes => self.rows(),
+            KernelFamily::Tiles => self.gradient_tiles(),
+        };
+        parts.div_ceil(self.chunk_parts(family))
     }
 
     /// Texels of one partial weight gradient, bias included.
@@ -156,10 +186,26 @@ impl Conv3d {
         self.weight_len().div_ceil(4)
     }
 
-    fn grid(&self, blocks: u32) -> Grid {
+    fn grid(&self, family: KernelFamily, blocks: u32) -> Grid {
         let ClipShape { frames, height, width } = self.shape;
-        Grid::groups(dim(width.div_ceil(SPAN_PX)), dim(height), dim(frames) * blocks)
+        let rows = match family {
+            KernelFamily::Lanes => height,
+            KernelFamily::Tiles => height.div_ceil(TILE_ROWS),
+        };
+        Grid::groups(dim(width.div_ceil(SPAN_PX)), dim(rows), dim(frames) * blocks)
     }
+}
+
+/// The sizes that the programs of both families take.
+macro_rules! clip_params {
+    ($module:ident, $shape:expr $(, $field:ident: $value:expr)?) => {
+        $module::Params {
+            frames: dim_signed($shape.frames),
+            height: dim_signed($shape.height),
+            width: dim_signed($shape.width),
+            $($field: dim_signed($value),)?
+        }
+    };
 }
 
 const KERNEL: &str = "nn/conv3d";
@@ -176,6 +222,9 @@ fn block(texels: u32, most: u32) -> u32 {
 /// out `y` [F,H,W,Co] (=)
 /// # Equation: y(t,y,x,o) = φ(b(o) + Σ w(o,i,dt,dy,dx) x(t+dt−1, y+dy−1, x+dx−1, i)), as PyTorch's `conv3d`
 /// # Determinism: bitwise; no atomics
+/// # Cost
+/// 54·F·H·W·Ci·Co operations. Per block of 16 outputs lanes load each input 27 times, tiles 3.6 times (three frames, a halo
+/// of 34×18 around 32×16 pixels), and 20 texels of shared memory per 256 products of an invocation.
 ///
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.
@@ -192,21 +241,27 @@ pub fn forward(
     expect_len(KERNEL, "weight", weight, conv.weight_len())?;
     expect_len(KERNEL, "y", y, pixels * conv.out_channels)?;
     let (depth4, width4) = (dim(conv.in_channels / 4), dim(conv.out_channels / 4));
-    let spec = conv3d_fwd::Spec {
-        depth4,
-        width4,
-        block4: block(width4, MAX_BLOCK4),
-        pad_t: conv.time.code(),
-        pad_xy: conv.space.code(),
-        bias: u32::from(conv.bias == Bias::Added),
-        relu: u32::from(conv.activation == Activation::Relu),
-    };
-    let params = conv3d_fwd::Params {
-        frames: dim_signed(conv.shape.frames),
-        height: dim_signed(conv.shape.height),
-        width: dim_signed(conv.shape.width),
-    };
-    rec.dispatch_spec(conv3d_fwd::Bind { x, weight, y }, params, spec, conv.grid(width4 / block(width4, MAX_BLOCK4)))
+    let block4 = block(width4, MAX_BLOCK4);
+    let grid = conv.grid(rec.family(), width4 / block4);
+    /// Runs the program of one family; only the module that the types come from differs.
+    macro_rules! convolve {
+        ($module:ident) => {{
+            let spec = $module::Spec {
+                depth4,
+                width4,
+                block4,
+                pad_t: conv.time.code(),
+                pad_xy: conv.space.code(),
+                bias: u32::from(conv.bias == Bias::Added),
+                relu: u32::from(conv.activation == Activation::Relu),
+            };
+            rec.dispatch_spec($module::Bind { x, weight, y }, clip_params!($module, conv.shape), spec, grid)
+        }};
+    }
+    match rec.family() {
+        KernelFamily::Lanes => convolve!(conv3d_fwd),
+        KernelFamily::Tiles => convolve!(conv3d_fwd_tile),
+    }
 }
 
 /// Working memory of the backward passes of one layer.
@@ -225,7 +280,7 @@ impl Conv3dScratch {
         conv.check()?;
         Ok(Self {
             weight_t: device.buffer("conv3d.weight_t", TAPS * conv.in_channels * conv.out_channels)?,
-            partial: device.buffer("conv3d.partial", conv.chunks() * conv.partial_texels() * 4)?,
+            partial: device.buffer("conv3d.partial", conv.chunks(device.family()) * conv.partial_texels() * 4)?,
         })
     }
 }
@@ -271,21 +326,23 @@ pub fn backward_input(
     let bind = conv3d_transpose::Bind { weight, weight_t: &mut scratch.weight_t };
     rec.dispatch(bind, params, Grid::threads(weights / 4))?;
     let (depth4, width4) = (dim(conv.out_channels / 4), dim(conv.in_channels / 4));
-    let spec = conv3d_bwd::Spec {
-        depth4,
-        width4,
-        block4: block(width4, MAX_BLOCK4),
-        pad_t: conv.time.code(),
-        pad_xy: conv.space.code(),
-        gate: u32::from(gate.is_some()),
-    };
-    let params = conv3d_bwd::Params {
-        frames: dim_signed(conv.shape.frames),
-        height: dim_signed(conv.shape.height),
-        width: dim_signed(conv.shape.width),
-    };
-    let bind = conv3d_bwd::Bind { v_y, weight_t: &scratch.weight_t, gate: gate.unwrap_or(v_y), v_x };
-    rec.dispatch_spec(bind, params, spec, conv.grid(width4 / block(width4, MAX_BLOCK4)))
+    let block4 = block(width4, MAX_BLOCK4);
+    let grid = conv.grid(rec.family(), width4 / block4);
+    let (weight_t, gated) = (&scratch.weight_t, u32::from(gate.is_some()));
+    let gate = gate.unwrap_or(v_y);
+    /// As in [`forward`].
+    macro_rules! adjoint {
+        ($module:ident) => {{
+            let (pad_t, pad_xy) = (conv.time.code(), conv.space.code());
+            let spec = $module::Spec { depth4, width4, block4, pad_t, pad_xy, gate: gated };
+            let bind = $module::Bind { v_y, weight_t, gate, v_x };
+            rec.dispatch_spec(bind, clip_params!($module, conv.shape), spec, grid)
+        }};
+    }
+    match rec.family() {
+        KernelFamily::Lanes => adjoint!(conv3d_bwd),
+        KernelFamily::Tiles => adjoint!(conv3d_bwd_tile),
+    }
 }
 
 /// Buffers of [`backward_weight`].
@@ -322,7 +379,7 @@ pub fn backward_weight(
     expect_len(KERNEL, "x", x, pixels * conv.in_channels)?;
     expect_len(KERNEL, "v_y", v_y, pixels * conv.out_channels)?;
     expect_len(KERNEL, "v_weight", v_weight, conv.weight_len())?;
-    let chunks = conv.chunks();
+    let chunks = conv.chunks(rec.family());
     expect_len(KERNEL, "scratch.partial", &scratch.partial, chunks * conv.partial_texels() * 4)?;
     if pixels == 0 {
         if accumulate == Accumulate::Overwrite {
@@ -330,6 +387,23 @@ pub fn backward_weight(
         }
         return Ok(());
     }
+    match rec.family() {
+        KernelFamily::Lanes => correlate_lanes(rec, conv, (x, v_y), &mut scratch.partial)?,
+        KernelFamily::Tiles => correlate_tiles(rec, conv, (x, v_y), &mut scratch.partial)?,
+    }
+    let texels = v_weight.len() / 4;
+    let params = conv3d_reduce::Params { texels: dim(texels), stride: dim(conv.partial_texels()), chunks: dim(chunks) };
+    let spec = conv3d_reduce::Spec { accumulate: accumulate.flag() };
+    let bind = conv3d_reduce::Bind { partial: &scratch.partial, v_weight };
+    rec.dispatch_spec(bind, params, spec, Grid::threads(texels))
+}
+
+fn correlate_lanes(
+    rec: &mut Recorder,
+    conv: &Conv3d,
+    (x, v_y): (&Buffer<f32>, &Buffer<f32>),
+    partial: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
     let (in4, out4) = (dim(conv.in_channels / 4), dim(conv.out_channels / 4));
     let (in_block4, out_block4) = (block(in4, MAX_BLOCK4), block(out4, MAX_GRADIENT_BLOCK4));
     let spec = conv3d_correlate::Spec {
@@ -342,18 +416,29 @@ pub fn backward_weight(
         bias: u32::from(conv.bias == Bias::Added),
         unroll: UNROLL,
     };
-    let params = conv3d_correlate::Params {
-        frames: dim_signed(conv.shape.frames),
-        height: dim_signed(conv.shape.height),
-        width: dim_signed(conv.shape.width),
-        chunk_rows: dim_signed(conv.chunk_rows()),
-    };
+    let params = clip_params!(conv3d_correlate, conv.shape, chunk_rows: conv.chunk_parts(KernelFamily::Lanes));
     let blocks = in4 / in_block4 * (out4 / out_block4);
-    let grid = Grid::groups(dim(chunks), dim(TAPS), blocks);
-    rec.dispatch_spec(conv3d_correlate::Bind { x, v_y, partial: &mut scratch.partial }, params, spec, grid)?;
-    let texels = v_weight.len() / 4;
-    let params = conv3d_reduce::Params { texels: dim(texels), stride: dim(conv.partial_texels()), chunks: dim(chunks) };
-    let spec = conv3d_reduce::Spec { accumulate: accumulate.flag() };
-    let bind = conv3d_reduce::Bind { partial: &scratch.partial, v_weight };
-    rec.dispatch_spec(bind, params, spec, Grid::threads(texels))
+    let grid = Grid::groups(dim(conv.chunks(KernelFamily::Lanes)), dim(TAPS), blocks);
+    rec.dispatch_spec(conv3d_correlate::Bind { x, v_y, partial }, params, spec, grid)
+}
+
+fn correlate_tiles(
+    rec: &mut Recorder,
+    conv: &Conv3d,
+    (x, v_y): (&Buffer<f32>, &Buffer<f32>),
+    partial: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let (in4, out4) = (dim(conv.in_channels / 4), dim(conv.out_channels / 4));
+    let out_block4 = block(out4, MAX_BLOCK4);
+    let spec = conv3d_correlate_tile::Spec {
+        in4,
+        out4,
+        out_block4,
+        pad_t: conv.time.code(),
+        pad_xy: conv.space.code(),
+        bias: u32::from(conv.bias == Bias::Added),
+    };
+    let params = clip_params!(conv3d_correlate_tile, conv.shape, chunk_tiles: conv.chunk_parts(KernelFamily::Tiles));
+    let grid = Grid::groups(dim(conv.chunks(KernelFamily::Tiles)), FRAME_TAPS, in4 * (out4 / out_block4));
+    rec.dispatch_spec(conv3d_correlate_tile::Bind { x, v_y, partial }, params, spec, grid)
 }

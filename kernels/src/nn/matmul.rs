@@ -1,16 +1,24 @@
 //! Matrix product with a packed right operand.
 
 use super::activation::Activation;
-use super::pack::{LANES, Order, PackedWeight, TEXEL, gather};
+use super::pack::{Elements, LANES, Order, PackedWeight, TEXEL, gather};
 use super::{as_i32, as_u32, expect_len, expect_multiple, transpose};
-use crate::registry::nn::matmul_fwd;
-use crate::{Buffer, Device, Grid, KernelError, Recorder};
+use crate::registry::nn::{matmul_fwd, matmul_fwd_fixed16, matmul_fwd_tile, matmul_gradient_tile};
+use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder};
 
 const KERNEL: &str = "nn/matmul";
 /// Rows of C that one workgroup computes: `TILE_ROWS` of `glsl/lib/gemm_tile.glsl`.
 const TILE_ROWS: usize = 16;
-/// Lane-blocks per tile, best first: 96 accumulators are the fastest measured, smaller tiles serve other widths.
-const BLOCKS: [usize; 5] = [6, 8, 4, 2, 1];
+/// Lane-blocks per tile, best first: the widest loop that a processor's cache of decoded instructions still holds.
+const BLOCKS: [usize; 5] = [8, 6, 4, 2, 1];
+/// Columns of C that one workgroup of the tile kernels computes.
+const TILE_COLUMNS: usize = 64;
+/// Invocations of such a workgroup along its rows.
+const TILE_ROW_THREADS: usize = 8;
+/// Rows of one invocation: the fewer loads per product, or twice as many workgroups.
+const ROWS_PER_THREAD: [usize; 2] = [8, 4];
+/// Workgroups that keep a large GPU busy; a product with fewer of them gets the smaller tiles.
+const WANTED_GROUPS: usize = 256;
 
 /// What happens to s = A Wᵀ + bias before it is stored.
 #[derive(Clone, Copy, Debug)]
@@ -53,6 +61,9 @@ impl<'a> Product<'a> {
 /// n and k are the padded sizes of [`PackedWeight`]
 /// # Equation: s = A Wᵀ + bias, then [`Epilogue`]
 /// # Determinism: bitwise; every element is one sum in the order of k
+/// # Cost
+/// 2·rows·n·k operations. Lanes load (1/48 + 1/16) texels per four products. Tiles of r×64 read 4·rows·n·k·(1/64 + 1/r)
+/// bytes of memory or cache, r = 64 or 32, and 16/r + 1/4 texels of shared memory per 32 products of an invocation.
 ///
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.
@@ -75,19 +86,81 @@ pub fn forward(rec: &mut Recorder, product: &Product, c: &mut Buffer<f32>) -> Re
         rec.fill(c, 0.0);
         return Ok(());
     }
+    let operands = Operands { a, weight, bias, aux, mode, activation };
+    match (rec.family(), &weight.elements) {
+        (KernelFamily::Tiles, Elements::F32(w)) => forward_tiles(rec, &operands, w, rows, c),
+        // 16-bit codes are for processors; a GPU runs the same program.
+        _ => forward_lanes(rec, &operands, rows, c),
+    }
+}
+
+/// A product whose lengths are checked; `mode` is the shaders' constant of the epilogue.
+struct Operands<'a> {
+    a: &'a Buffer<f32>,
+    weight: &'a PackedWeight,
+    bias: &'a Buffer<f32>,
+    aux: &'a Buffer<f32>,
+    mode: u32,
+    activation: Activation,
+}
+
+fn forward_lanes(rec: &mut Recorder, operands: &Operands, rows: usize, c: &mut Buffer<f32>) -> Result<(), KernelError> {
+    let Operands { a, weight, bias, aux, mode, activation } = *operands;
+    let (n, k) = (weight.n(), weight.k());
     let blocks = BLOCKS.into_iter().find(|b| (n / LANES).is_multiple_of(*b)).unwrap_or(1);
-    let spec = matmul_fwd::Spec { blocks: as_i32(blocks), mode, activation: activation.code() };
-    let params = matmul_fwd::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
-    let grid = Grid::groups(as_u32(rows.div_ceil(TILE_ROWS)), as_u32(n / LANES / blocks), 1);
-    let bind = matmul_fwd::Bind { a_tex: a, w_tex: &weight.packed, bias, aux_tex: aux, c };
+    let (m, n, k, tiles) = (as_i32(rows), as_i32(n), as_i32(k), rows.div_ceil(TILE_ROWS));
+    let grid = Grid::groups(as_u32(tiles), as_u32(weight.n() / LANES / blocks), 1);
+    let (blocks, activation) = (as_i32(blocks), activation.code());
+    match &weight.elements {
+        Elements::F32(w_tex) => {
+            let spec = matmul_fwd::Spec { blocks, mode, activation };
+            let bind = matmul_fwd::Bind { a_tex: a, w_tex, bias, aux_tex: aux, c };
+            rec.dispatch_spec(bind, matmul_fwd::Params { m, n, k }, spec, grid)
+        }
+        Elements::Fixed16 { codes, scale } => {
+            let spec = matmul_fwd_fixed16::Spec { blocks, mode, activation };
+            let bind = matmul_fwd_fixed16::Bind { a_tex: a, w_tex: codes, bias, aux_tex: aux, c, scale };
+            rec.dispatch_spec(bind, matmul_fwd_fixed16::Params { m, n, k }, spec, grid)
+        }
+    }
+}
+
+fn forward_tiles(
+    rec: &mut Recorder,
+    operands: &Operands,
+    w: &Buffer<f32>,
+    rows: usize,
+    c: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let Operands { a, weight, bias, aux, mode, activation } = *operands;
+    let (n, k) = (weight.n(), weight.k());
+    let (per_thread, grid) = tiling(rows, n);
+    let spec = matmul_fwd_tile::Spec { rows: as_i32(per_thread), mode, activation: activation.code() };
+    let params = matmul_fwd_tile::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
+    let bind = matmul_fwd_tile::Bind { a, w, bias, aux, c };
     rec.dispatch_spec(bind, params, spec, grid)
 }
 
-/// Operands of [`weight_gradient`] in the order that the product wants them.
+/// Rows per invocation of the tile kernels for a result `[rows, columns]`, and the workgroups that cover it.
+fn tiling(rows: usize, columns: usize) -> (usize, Grid) {
+    let across = columns.div_ceil(TILE_COLUMNS);
+    let down = |per_thread: usize| rows.div_ceil(TILE_ROW_THREADS * per_thread);
+    let [large, small] = ROWS_PER_THREAD;
+    let per_thread = if down(large) * across >= WANTED_GROUPS { large } else { small };
+    (per_thread, Grid::groups(as_u32(down(per_thread)), as_u32(across), 1))
+}
+
+/// Operands of [`weight_gradient`] in the order that the lane kernels want them; the tile kernels take them as they are.
 #[derive(Debug)]
-pub struct GradScratch {
+struct Rearranged {
     v_c_t: Buffer<f32>,
     a_t: PackedWeight,
+}
+
+/// Working memory of [`weight_gradient`].
+#[derive(Debug)]
+pub struct GradScratch {
+    lanes: Option<Rearranged>,
     rows: usize,
     n: usize,
     k: usize,
@@ -101,13 +174,14 @@ impl GradScratch {
     pub fn new(device: &Device, name: &str, rows: usize, n: usize, k: usize) -> Result<Self, KernelError> {
         expect_multiple(KERNEL, "n", n, LANES)?;
         expect_multiple(KERNEL, "k", k, LANES)?;
-        Ok(Self {
-            v_c_t: device.buffer(&format!("{name}.v_c_t"), n * rows.next_multiple_of(TEXEL))?,
-            a_t: PackedWeight::zeros(device, &format!("{name}.a_t"), k, rows)?,
-            rows,
-            n,
-            k,
-        })
+        let lanes = match device.family() {
+            KernelFamily::Lanes => Some(Rearranged {
+                v_c_t: device.buffer(&format!("{name}.v_c_t"), n * rows.next_multiple_of(TEXEL))?,
+                a_t: PackedWeight::zeros(device, &format!("{name}.a_t"), k, rows)?,
+            }),
+            KernelFamily::Tiles => None,
+        };
+        Ok(Self { lanes, rows, n, k })
     }
 }
 
@@ -130,7 +204,17 @@ pub fn weight_gradient(
     expect_len(KERNEL, "a", a.len(), rows * k, "rows*k")?;
     expect_len(KERNEL, "v_c", v_c.len(), rows * n, "rows*n")?;
     expect_len(KERNEL, "v_w", v_w.len(), n * k, "n*k")?;
-    transpose::copy(rec, v_c, rows, n, &mut scratch.v_c_t)?;
-    gather(rec, a, Order::Columns { stride: k }, &mut scratch.a_t)?;
-    forward(rec, &Product::plain(&scratch.v_c_t, n, &scratch.a_t), v_w)
+    if let Some(Rearranged { v_c_t, a_t }) = &mut scratch.lanes {
+        transpose::copy(rec, v_c, rows, n, v_c_t)?;
+        gather(rec, a, Order::Columns { stride: k }, a_t)?;
+        return forward(rec, &Product::plain(v_c_t, n, a_t), v_w);
+    }
+    if rows == 0 {
+        rec.fill(v_w, 0.0);
+        return Ok(());
+    }
+    let (per_thread, grid) = tiling(n, k);
+    let spec = matmul_gradient_tile::Spec { rows: as_i32(per_thread) };
+    let params = matmul_gradient_tile::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
+    rec.dispatch_spec(matmul_gradient_tile::Bind { v_c, a, v_w }, params, spec, grid)
 }

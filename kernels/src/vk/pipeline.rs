@@ -45,10 +45,10 @@ pub struct BindingDef {
 pub struct KernelDef {
     /// `family/stem`.
     pub name: &'static str,
-    /// SPIR-V bytes of the lane kernel.
-    pub lanes: &'static [u8],
-    /// SPIR-V bytes of the tile kernel.
-    pub tiles: &'static [u8],
+    /// SPIR-V bytes for devices that run lanes; none where only tiles have such a kernel.
+    pub lanes: Option<&'static [u8]>,
+    /// SPIR-V bytes for devices that run tiles; none where a wrapper takes another kernel there.
+    pub tiles: Option<&'static [u8]>,
     /// Descriptors by binding number.
     pub bindings: &'static [BindingDef],
     /// Size of the push-constant block.
@@ -61,10 +61,11 @@ pub struct KernelDef {
 
 impl KernelDef {
     fn spirv(&self, family: KernelFamily) -> &'static [u8] {
-        match family {
+        let program = match family {
             KernelFamily::Lanes => self.lanes,
             KernelFamily::Tiles => self.tiles,
-        }
+        };
+        program.expect("a wrapper asks the recorder's family where a kernel has a program for one only")
     }
 }
 

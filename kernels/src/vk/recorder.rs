@@ -9,6 +9,7 @@ use ash::vk;
 use super::buffer::{Buffer, BufferInner, Element};
 use super::check;
 use super::device::{Device, DeviceInner};
+use super::family::KernelFamily;
 use super::pipeline::{KernelDef, Pipeline};
 use crate::error::KernelError;
 
@@ -220,6 +221,11 @@ impl Recorder {
             unsynced_reads: HashSet::new(),
             unsynced_writes: HashSet::new(),
         })
+    }
+
+    /// Which kernels the device runs; a wrapper that has a program for each asks this.
+    pub(crate) fn family(&self) -> KernelFamily {
+        self.device.family
     }
 
     /// Records a kernel without specialisation constants.

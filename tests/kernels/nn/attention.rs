@@ -8,7 +8,7 @@ use guard4d_kernels::{Device, KernelError};
 
 use super::{dot, run, unwritten, upload};
 use crate::support::close::assert_close;
-use crate::support::gpu::device;
+use crate::support::gpu::{device, each_family};
 use crate::support::gradcheck::gradcheck;
 use crate::support::poison;
 use crate::support::random::Random;
@@ -17,8 +17,8 @@ const fn shape(batch: usize, heads: usize, head_dim: usize, tokens: usize, mask:
     AttentionShape { batch, heads, head_dim, queries: tokens, keys: tokens, mask }
 }
 
-/// Head sizes of one and two fetches, one that fills no fetch; tokens below, at and above tile borders.
-const SHAPES: [AttentionShape; 7] = [
+/// Head sizes of one, two and more fetches, one that fills no fetch; tokens below, at and above tile borders.
+const SHAPES: [AttentionShape; 8] = [
     shape(1, 1, 4, 1, Mask::Full),
     shape(2, 2, 64, 17, Mask::Full),
     shape(1, 3, 12, 16, Mask::Causal),
@@ -26,6 +26,7 @@ const SHAPES: [AttentionShape; 7] = [
     shape(1, 2, 64, 77, Mask::Causal),
     shape(1, 1, 40, 33, Mask::Causal),
     shape(1, 1, 64, 257, Mask::Full),
+    shape(1, 2, 96, 65, Mask::Causal),
 ];
 
 #[test]
@@ -108,6 +109,21 @@ fn few_queries_follow_the_twin() {
         assert_close(&attn.read().expect("read"), &twin::forward(&s, &inputs).0, 2e-5, 1e-5);
         assert_close(&v_q.read().expect("read"), &want_q, 5e-5, 2e-5);
         assert_close(&v_kv.read().expect("read"), &want_kv, 5e-5, 2e-5);
+    }
+}
+
+#[test]
+fn both_families_agree() {
+    let Some(devices) = each_family() else { return };
+    for s in [shape(2, 2, 64, 50, Mask::Full), shape(1, 1, 132, 77, Mask::Causal)] {
+        let mut random = Random(31);
+        let qkv = random.vec_f32(s.batch * s.keys * 3 * s.width(), -2.0, 2.0);
+        let v_attn = random.vec_f32(s.batch * s.queries * s.width(), -1.0, 1.0);
+        let [lanes, tiles] = devices.each_ref().map(|gpu| run_fused(gpu, &s, &qkv, &v_attn));
+        for (tiles, lanes) in tiles.iter().zip(&lanes) {
+            // Twice what each may be off from the twin.
+            assert_close(tiles, lanes, 1e-4, 4e-5);
+        }
     }
 }
 

@@ -11,7 +11,7 @@ use guard4d_kernels::{Buffer, KernelError};
 use super::{dot, run, unwritten, upload};
 use crate::support::close::assert_close;
 use crate::support::golden::Golden;
-use crate::support::gpu::{Gpu, device};
+use crate::support::gpu::{Gpu, device, each_family};
 use crate::support::gradcheck::gradcheck;
 use crate::support::poison;
 use crate::support::random::Random;
@@ -179,6 +179,8 @@ fn gpu_follows_the_twin() {
         ([2, 2, 2], [8, 8], PADDINGS[2]),
         ([2, 3, 33], [16, 32], PADDINGS[1]),
         ([2, 3, 8], [32, 12], PADDINGS[0]),
+        ([1, 17, 34], [4, 8], PADDINGS[1]),
+        ([2, 18, 33], [8, 4], PADDINGS[2]),
     ] {
         Case::new(layer(shape, channels, time, space)).check(&gpu);
     }
@@ -186,6 +188,18 @@ fn gpu_follows_the_twin() {
     Case::new(thin).check(&gpu);
     let full = layer([3, 12, 70], [4, 8], Padding::Zero, Padding::Reflect);
     Case::new(Conv3d { bias: Bias::Added, activation: Activation::Relu, ..full }).check(&gpu);
+}
+
+#[test]
+fn both_families_agree() {
+    let Some(devices) = each_family() else { return };
+    let conv = layer([3, 21, 45], [16, 16], Padding::Replicate, Padding::Reflect);
+    let case = Case::new(Conv3d { bias: Bias::Added, ..conv });
+    let [lanes, tiles] = devices.each_ref().map(|gpu| case.on_gpu(gpu, None, 0.0));
+    // 432 products below 0.2 in two orders, then sums over 2835 pixels of products below 1.
+    for ((tiles, lanes), atol) in tiles.iter().zip(&lanes).zip([2e-5, 2e-5, 2e-4, 2e-4]) {
+        assert_close(tiles, lanes, atol, 2e-5);
+    }
 }
 
 #[test]

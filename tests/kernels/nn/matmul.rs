@@ -3,19 +3,29 @@
 use guard4d_kernels::KernelError;
 use guard4d_kernels::nn::activation::Activation;
 use guard4d_kernels::nn::matmul::{Epilogue, GradScratch, Product, forward, weight_gradient};
-use guard4d_kernels::nn::pack::PackedWeight;
+use guard4d_kernels::nn::pack::{PackedWeight, Precision};
 use guard4d_kernels::reference::nn::matmul as twin;
+use guard4d_kernels::reference::nn::pack as pack_twin;
 
 use super::{dot, run, unwritten, upload};
 use crate::support::close::assert_close;
-use crate::support::gpu::device;
+use crate::support::gpu::{device, each_family};
 use crate::support::gradcheck::gradcheck;
 use crate::support::poison;
 use crate::support::random::Random;
 
-/// (rows, n, k): every tile width, rows that do not fill a tile.
-const SHAPES: [(usize, usize, usize); 8] =
-    [(1, 8, 4), (7, 16, 8), (16, 32, 12), (17, 48, 20), (33, 96, 64), (5, 40, 36), (50, 24, 16), (16, 128, 128)];
+/// (rows, n, k): every tile width, rows that do not fill a tile, and so many rows and columns that GPUs get large tiles.
+const SHAPES: [(usize, usize, usize); 9] = [
+    (1, 8, 4),
+    (7, 16, 8),
+    (16, 32, 12),
+    (17, 48, 20),
+    (33, 96, 64),
+    (5, 40, 36),
+    (50, 24, 16),
+    (16, 128, 128),
+    (1030, 1032, 36),
+];
 
 #[test]
 fn twin_gradients_match_differences() {
@@ -62,6 +72,56 @@ fn gpu_follows_the_twin() {
 }
 
 #[test]
+fn sixteen_bit_weights_follow_the_rounded_twin() {
+    let Some(gpu) = device() else { return };
+    for (rows, n, k) in SHAPES.into_iter().filter(|(_, n, _)| n % 16 == 0) {
+        let mut random = Random((rows + n * k) as u64);
+        let a = random.vec_f32(rows * k, -1.0, 1.0);
+        // Rows of very different sizes, each with its own scale; one of zeros has none.
+        let sizes = [1.0, 1e-3, 1e3, 0.0];
+        let w: Vec<f32> =
+            random.vec_f32(n * k, -1.0, 1.0).iter().enumerate().map(|(i, v)| v * sizes[i / k % 4]).collect();
+        let bias = random.vec_f32(n, -1.0, 1.0);
+        let weight = PackedWeight::in_precision(&gpu, "w", &w, (n, k), Precision::Fixed16).expect("packs");
+        let (a_buffer, bias_buffer) = (upload(&gpu, &a), upload(&gpu, &bias));
+        let mut c = unwritten(&gpu, rows * n);
+        let product = Product { bias: Some(&bias_buffer), ..Product::plain(&a_buffer, rows, &weight) };
+        run(&gpu, |rec| forward(rec, &product, &mut c));
+        let identity = twin::Epilogue::Activate(Activation::Identity);
+        let c = c.read().expect("read");
+        let rounded = twin::forward(&a, &pack_twin::fixed16(&w, k), &bias, k, identity);
+        let exact = twin::forward(&a, &w, &bias, k, identity);
+        for (i, ((c, rounded), exact)) in c.iter().zip(&rounded).zip(&exact).enumerate() {
+            let size = sizes[i % n % 4];
+            // The codes are summed before they are scaled: k rounding errors of at most 2^-24 of k terms below `size`.
+            let rounding = 2e-7 * (k as f32) * (size + 1.0);
+            assert!((c - rounded).abs() <= rounding, "{i}: {c} for {rounded} in {rows}x{n}x{k}");
+            // An element is off by half a code, that is size / 65534, and |a| <= 1.
+            let off = (k as f32) * size / 65_534.0 + rounding;
+            assert!((c - exact).abs() <= off, "{i}: {c} for {exact} in {rows}x{n}x{k}");
+        }
+    }
+}
+
+#[test]
+fn sixteen_bit_weights_pass_poison_on() {
+    let Some(gpu) = device() else { return };
+    let (n, k) = (16, 8);
+    for poison in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let mut w = Random(8).vec_f32(n * k, -1.0, 1.0);
+        w[3 * k + 5] = poison;
+        let weight = PackedWeight::in_precision(&gpu, "w", &w, (n, k), Precision::Fixed16).expect("packs");
+        let a = upload(&gpu, &vec![1.0; k]);
+        let mut c = unwritten(&gpu, n);
+        run(&gpu, |rec| forward(rec, &Product::plain(&a, 1, &weight), &mut c));
+        let finite: Vec<bool> = c.read().expect("read").iter().map(|v| v.is_finite()).collect();
+        assert_eq!(finite, (0..n).map(|row| row != 3).collect::<Vec<_>>(), "row 3 alone, for {poison}");
+    }
+    let odd = PackedWeight::in_precision(&gpu, "w", &[1.0; 64], (8, 8), Precision::Fixed16);
+    assert!(matches!(odd, Err(KernelError::Shape { .. })), "lane-blocks come in pairs: {odd:?}");
+}
+
+#[test]
 fn sizes_are_padded_at_load() {
     let Some(gpu) = device() else { return };
     let (rows, n, k) = (9, 11, 6);
@@ -92,6 +152,29 @@ fn weight_gradient_follows_the_twin() {
         // At most 64 terms below 1, summed in the same order.
         assert_close(&v_w.read().expect("read"), &twin::weight_gradient(&a, &v_c, n, k), 1e-5, 1e-5);
     }
+}
+
+#[test]
+fn both_families_agree() {
+    let Some(devices) = each_family() else { return };
+    let (rows, n, k) = (70, 1048, 1032);
+    let mut random = Random(11);
+    let (a, w) = (random.vec_f32(rows * k, -1.0, 1.0), random.vec_f32(n * k, -1.0, 1.0));
+    let (aux, v_c) = (random.vec_f32(rows * n, -1.0, 1.0), random.vec_f32(rows * n, -1.0, 1.0));
+    let [lanes, tiles] = devices.map(|gpu| {
+        let weight = PackedWeight::new(&gpu, "w", &w, n, k).expect("packs");
+        let [a, aux, v_c] = [&a, &aux, &v_c].map(|data| upload(&gpu, data));
+        let (mut c, mut v_w) = (unwritten(&gpu, rows * n), unwritten(&gpu, n * k));
+        let mut scratch = GradScratch::new(&gpu, "w", rows, n, k).expect("scratch");
+        run(&gpu, |rec| {
+            forward(rec, &Product { epilogue: Epilogue::Add(&aux), ..Product::plain(&a, rows, &weight) }, &mut c)?;
+            weight_gradient(rec, &a, &v_c, &mut scratch, &mut v_w)
+        });
+        [c.read().expect("read"), v_w.read().expect("read")]
+    });
+    // Both add 1032 (70) products below 1 in one order; a device may round after each or fuse it with its sum.
+    assert_close(&tiles[0], &lanes[0], 1e-4, 1e-5);
+    assert_close(&tiles[1], &lanes[1], 1e-5, 1e-5);
 }
 
 #[test]

@@ -10,7 +10,7 @@ use guard4d_kernels::{Device, KernelError};
 use super::scene::{self, Scene};
 use super::tile_bin::lists;
 use crate::support::close::{assert_close, cosine, worst_ratio};
-use crate::support::gpu::device;
+use crate::support::gpu::{device, each_family};
 use crate::support::gradcheck::gradcheck;
 use crate::support::poison;
 use crate::support::random::Random;
@@ -99,6 +99,26 @@ fn gpu_image_and_gradient_follow_the_twin() {
             assert!(angle > 0.9999 || want_grad.iter().all(|g| *g == 0.0), "cosine {angle}");
         }
     }
+}
+
+#[test]
+fn both_families_agree() {
+    let Some(devices) = each_family() else { return };
+    let (scene, view) = (scene::random(5000, 13), scene::view(203, 121));
+    let mut random = Random(14);
+    let colours = random.vec_f32(4 * scene.len(), 0.0, 1.0);
+    let v_image = random.vec_f32(4 * (view.width * view.height) as usize, -1.0, 1.0);
+    let [lanes, tiles] = devices.each_ref().map(|gpu| {
+        let lists = lists(gpu, &scene, &view, Prune::Remove);
+        let image = render(gpu, &lists, &visible(&lists, &colours), BACKGROUND);
+        (image, scatter(&lists, &pull(gpu, &lists, &v_image), scene.len()))
+    });
+    let off = tiles.0.iter().zip(&lanes.0).filter(|(t, l)| worst_ratio(&[**t], &[**l], 1e-4, 0.0) > 1.0).count();
+    // As against the twin: a decision may flip by rounding where a device fuses products with sums in one of them.
+    assert!(off * 1000 <= lanes.0.len(), "{off} of {} values are off by 1e-4", lanes.0.len());
+    assert_close(&tiles.0, &lanes.0, 0.02, 0.0);
+    let angle = cosine(&tiles.1, &lanes.1);
+    assert!(angle > 0.9999, "cosine {angle}");
 }
 
 #[test]

@@ -1,0 +1,78 @@
+#version 460
+// splat/rasterize_bwd_tile: splat/rasterize_bwd for GPUs, dL/d(colour) of each (tile, splat) pair. One workgroup per 8x8 tile.
+//   in   geom [V,8]   tile_offsets [tiles+1]   tile_order [tiles] active ones first   splat_from_isect, slot_from_isect [I]
+//        v_image [..,H,W,4] = dL/d(image), 4th channel unread, from pixel `in_offset` on
+//   out  v_slots [I,4] = sum over the tile's pixels of weight * v_image (=), at the pair's slot
+//   eq   v_colour = sum_p alpha_p T_p v_image_p; geometry and opacity are constants
+//   By batches of 32 splats: first an invocation is a pixel and leaves its weights of all splats in shared memory, then it is
+//   a splat and half of the tile's pixels and adds them up. No atomics, so the order of every sum is fixed. 11 KiB shared.
+//   every pair takes all pixels of its tile, with weight 0 where it is skipped: a v_image that is not finite makes those NaN
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+#include "lib/raster.glsl"
+layout(local_size_x = 64) in;
+layout(push_constant) uniform Params { uint width, height, tiles_x, num_active, tile_stride, in_offset; } p;
+layout(set = 0, binding = 0) readonly buffer Geom { vec4 geom[]; };
+layout(set = 0, binding = 1) readonly buffer VImage { vec4 v_image[]; };
+layout(set = 0, binding = 2) readonly buffer SplatFromIsect { uint splat_from_isect[]; };
+layout(set = 0, binding = 3) readonly buffer SlotFromIsect { uint slot_from_isect[]; };
+layout(set = 0, binding = 4) readonly buffer TileOffsets { uint tile_offsets[]; };
+layout(set = 0, binding = 6) readonly buffer TileOrder { uint tile_order[]; };
+layout(set = 0, binding = 5) buffer VSlots { vec4 v_slots[]; };
+
+const uint PIXELS = 64u;
+const uint BATCH = 32u;
+// One more than the pixels, so that the weights of neighbouring splats fall into different banks.
+const uint WEIGHT_STRIDE = PIXELS + 1u;
+shared vec4 batch_shape[BATCH];
+shared vec4 batch_rest[BATCH];
+shared float weights[BATCH * WEIGHT_STRIDE];
+shared vec4 v_pixel[PIXELS];
+shared vec4 upper_half[BATCH];
+
+void main() {
+    uint id = gl_LocalInvocationID.x;
+    if (workgroup_index() >= p.num_active) return;
+    uint tile = tile_order[interleaved(workgroup_index(), p.tile_stride, p.num_active)];
+    uint x = (tile % p.tiles_x) * 8u + id % 8u, y = (tile / p.tiles_x) * 8u + id / 8u;
+    bool inside = x < p.width && y < p.height;
+    uint at = tile_offsets[tile], end = tile_offsets[tile + 1u];
+    v_pixel[id] = inside ? vec4(v_image[p.in_offset + y * p.width + x].rgb, 0.0) : vec4(0.0);
+    uint splat_of_batch = id % BATCH;
+    uint half_of_tile = id / BATCH;
+    float t = 1.0;
+    do {
+        bool valid = at + splat_of_batch < end;
+        if (half_of_tile == 0u) {
+            uint splat = valid ? splat_from_isect[at + id] : 0u;
+            batch_shape[id] = valid ? geom[2u * splat] : vec4(0.0);
+            batch_rest[id] = valid ? geom[2u * splat + 1u] : vec4(0.0);
+        }
+        barrier();
+        uint j = 0u;
+        do {
+            [[unroll]] for (uint u = 0u; u < 8u; ++u) {
+                vec4 shape = batch_shape[j + u];
+                vec4 rest = batch_rest[j + u];
+                float dx = shape.x - float(x);
+                float alpha = splat_alpha(shape.z * dx * dx, shape.w * dx, rest.x, rest.y, shape.y - float(y));
+                weights[(j + u) * WEIGHT_STRIDE + id] = blend_weight(alpha, t);
+            }
+            j += 8u;
+        } while (j < BATCH);
+        barrier();
+        vec4 sum = vec4(0.0);
+        uint first = half_of_tile * BATCH;
+        uint pixel = 0u;
+        do {
+            [[unroll]] for (uint u = 0u; u < 8u; ++u) {
+                sum += weights[splat_of_batch * WEIGHT_STRIDE + first + pixel + u] * v_pixel[first + pixel + u];
+            }
+            pixel += 8u;
+        } while (pixel < PIXELS / 2u);
+        if (half_of_tile == 1u) upper_half[splat_of_batch] = sum;
+        barrier();
+        if (half_of_tile == 0u && valid) v_slots[slot_from_isect[at + id]] = sum + upper_half[id];
+        at += BATCH;
+    } while (at < end);
+}
