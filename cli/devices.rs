@@ -18,13 +18,16 @@ struct Row {
     subgroup_size: u32,
     /// The kernels that it would run with the `--kernels` given; nothing when it cannot run those.
     kernels: Option<String>,
+    /// What `--precision` may be.
+    precisions: Vec<String>,
     /// Whether commands run on it with the `--device` given.
     selected: bool,
 }
 
 /// Opens the device that `--device` or, for `auto`, a scheduler names, with the memory budget that was given.
 pub(crate) fn open(common: &Common) -> Result<Device, EngineError> {
-    let options = DeviceOptions { kernels: common.kernels, ..DeviceOptions::default() };
+    let (kernels, precision) = (common.kernels, common.precision);
+    let options = DeviceOptions { kernels, precision, ..DeviceOptions::default() };
     let device = Device::open_with(&select(common), options)?;
     if let Some(budget) = common.vram_budget {
         device.limit_memory(budget.as_u64());
@@ -45,6 +48,7 @@ pub(crate) fn run(common: &Common) -> Result<Outcome, EngineError> {
         .map(|(index, d)| Row {
             index,
             kernels: common.kernels.choose(&d).ok().map(|family| family.to_string()),
+            precisions: d.precisions().iter().map(ToString::to_string).collect(),
             kind: format!("{:?}", d.kind).to_lowercase(),
             name: d.name,
             driver: d.driver,
@@ -59,8 +63,9 @@ pub(crate) fn run(common: &Common) -> Result<Outcome, EngineError> {
             let pci = r.pci.as_deref().unwrap_or("-");
             let mark = if r.selected { '*' } else { ' ' };
             let kernels = r.kernels.as_deref().unwrap_or("-");
+            let precisions = r.precisions.join(",");
             format!(
-                "{mark} {}  {}  ({}, {})\n     uuid:{}  pci:{pci}  kernels:{kernels}",
+                "{mark} {}  {}  ({}, {})\n     uuid:{}  pci:{pci}  kernels:{kernels}  precision:{precisions}",
                 r.index, r.name, r.kind, r.driver, r.uuid
             )
         };

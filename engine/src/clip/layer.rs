@@ -52,14 +52,17 @@ impl Loader<'_> {
         inputs: usize,
     ) -> Result<Linear, KernelError> {
         let outputs = weight.len() / inputs;
+        let precision = self.device.precision();
         let adjoint = match self.purpose {
             Purpose::Features => None,
             Purpose::InputGradient => {
-                Some(PackedWeight::transposed(self.device, &format!("{name}.adjoint"), weight, inputs, outputs)?)
+                let adjoint =
+                    PackedWeight::transposed(self.device, &format!("{name}.adjoint"), weight, inputs, outputs)?;
+                Some(adjoint.with_precision(precision))
             }
         };
         Ok(Linear {
-            weight: PackedWeight::new(self.device, name, weight, outputs, inputs)?,
+            weight: PackedWeight::new(self.device, name, weight, outputs, inputs)?.with_precision(precision),
             bias: bias.map(|b| self.device.buffer_from(&format!("{name}.bias"), b)).transpose()?,
             adjoint,
         })

@@ -92,6 +92,7 @@ pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result
             name: info.name.clone(),
             driver: info.driver.clone(),
             kernels: Some(device.family().to_string()),
+            precision: Some(device.precision().to_string()),
             api_version: "1.2".to_owned(),
             repeatability: Repeatability::SameBytes,
         },

@@ -3,8 +3,9 @@
 use super::activation::Activation;
 use super::pack::{LANES, Order, PackedWeight, TEXEL, gather};
 use super::{as_i32, as_u32, expect_len, expect_multiple, transpose};
-use crate::registry::nn::{matmul_fwd, matmul_fwd_tile, matmul_gradient_tile};
-use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder};
+use crate::registry::nn::{matmul_fwd, matmul_fwd_coop, matmul_fwd_tile, matmul_gradient_tile};
+use crate::vk::COOP_TILE;
+use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Precision, Recorder};
 
 const KERNEL: &str = "nn/matmul";
 /// Rows of C that one workgroup computes: `TILE_ROWS` of `glsl/lib/gemm_tile.glsl`.
@@ -60,13 +61,14 @@ impl<'a> Product<'a> {
 /// in `a` [rows, k] · `weight` [n, k] packed · `bias` [n] · residual or pre-activation [rows, n] · out `c` [rows, n] (=);
 /// n and k are the padded sizes of [`PackedWeight`]
 /// # Equation: s = A Wᵀ + bias, then [`Epilogue`]
-/// # Determinism: bitwise; every element is one sum in the order of k
+/// # Determinism: bitwise; every element is one sum in the order of k, with [`Precision::Half`] in the device's
 /// # Cost
 /// 2·rows·n·k operations. Lanes load (1/48 + 1/16) texels per four products. Tiles of r×64 read 4·rows·n·k·(1/64 + 1/r)
 /// bytes of memory or cache, r = 64 or 32, and 16/r + 1/4 texels of shared memory per 32 products of an invocation.
 ///
 /// # Errors
-/// [`KernelError::Shape`] before anything is recorded.
+/// [`KernelError::Shape`] before anything is recorded; [`KernelError::Unsuitable`] for a weight of [`Precision::Half`] on a
+/// device without cooperative matrices.
 pub fn forward(rec: &mut Recorder, product: &Product, c: &mut Buffer<f32>) -> Result<(), KernelError> {
     let Product { a, rows, weight, bias, epilogue } = *product;
     let (n, k) = (weight.n(), weight.k());
@@ -87,9 +89,10 @@ pub fn forward(rec: &mut Recorder, product: &Product, c: &mut Buffer<f32>) -> Re
         return Ok(());
     }
     let operands = Operands { a, weight, bias, aux, mode, activation };
-    match rec.family() {
-        KernelFamily::Lanes => forward_lanes(rec, &operands, rows, c),
-        KernelFamily::Tiles => forward_tiles(rec, &operands, rows, c),
+    match (weight.precision(), rec.family()) {
+        (Precision::F32, KernelFamily::Lanes) => forward_lanes(rec, &operands, rows, c),
+        (Precision::F32, KernelFamily::Tiles) => forward_tiles(rec, &operands, rows, c),
+        (Precision::Half, _) => forward_coop(rec, &operands, rows, c),
     }
 }
 
@@ -122,6 +125,24 @@ fn forward_tiles(rec: &mut Recorder, operands: &Operands, rows: usize, c: &mut B
     let params = matmul_fwd_tile::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
     let bind = matmul_fwd_tile::Bind { a, w: &weight.packed, bias, aux, c };
     rec.dispatch_spec(bind, params, spec, grid)
+}
+
+fn forward_coop(rec: &mut Recorder, operands: &Operands, rows: usize, c: &mut Buffer<f32>) -> Result<(), KernelError> {
+    let Operands { a, weight, bias, aux, mode, activation } = *operands;
+    let (n, k) = (weight.n(), weight.k());
+    let cooperation = rec.cooperation()?;
+    let spec = matmul_fwd_coop::Spec {
+        tm: cooperation.m,
+        tn: cooperation.n,
+        tk: cooperation.k,
+        subgroups: cooperation.subgroups,
+        row_blocks: cooperation.row_blocks,
+        mode,
+        activation: activation.code(),
+    };
+    let params = matmul_fwd_coop::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
+    let grid = Grid::groups(as_u32(rows).div_ceil(COOP_TILE), as_u32(n).div_ceil(COOP_TILE), 1);
+    rec.dispatch_spec(matmul_fwd_coop::Bind { a, w: &weight.packed, bias, aux, c }, params, spec, grid)
 }
 
 /// Rows per invocation of the tile kernels for a result `[rows, columns]`, and the workgroups that cover it.

@@ -2,7 +2,7 @@
 
 use super::{as_u32, expect_len, shape_error};
 use crate::registry::nn::pack_gather;
-use crate::{Buffer, Device, Grid, KernelError, Recorder};
+use crate::{Buffer, Device, Grid, KernelError, Precision, Recorder};
 
 const KERNEL: &str = "nn/pack";
 /// Columns of C that one fetch serves: the lanes of a subgroup.
@@ -18,6 +18,7 @@ pub struct PackedWeight {
     pub(crate) no_bias: Buffer<f32>,
     n: usize,
     k: usize,
+    precision: Precision,
 }
 
 /// How W lies in a plain buffer.
@@ -74,7 +75,20 @@ impl PackedWeight {
             no_bias: device.buffer(&format!("{name}.no_bias"), padded_n)?,
             n,
             k,
+            precision: Precision::F32,
         })
+    }
+
+    /// The same weight, whose products are of this precision.
+    #[must_use]
+    pub fn with_precision(self, precision: Precision) -> Self {
+        Self { precision, ..self }
+    }
+
+    /// What its products are rounded to.
+    #[must_use]
+    pub fn precision(&self) -> Precision {
+        self.precision
     }
 
     /// Columns of C, padding included: the row stride of a product with this weight.

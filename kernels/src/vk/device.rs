@@ -7,6 +7,7 @@ use ash::vk;
 use ash::vk::Handle;
 
 use super::buffer::BufferInner;
+use super::cooperation::{Cooperation, Precision};
 use super::family::{FamilySelect, KernelFamily};
 use super::memory::{Arena, Memory};
 use super::pipeline::PipelineCache;
@@ -71,8 +72,18 @@ pub struct DeviceInfo {
     pub has_shuffles: bool,
     /// Whether loads out of range give zeros.
     pub has_robust_loads: bool,
+    /// The cooperative matrices that [`Precision::Half`] takes.
+    pub cooperation: Option<Cooperation>,
     /// Nanoseconds per timestamp tick.
     pub timestamp_period_ns: f32,
+}
+
+impl DeviceInfo {
+    /// The precisions that it can be opened with.
+    #[must_use]
+    pub fn precisions(&self) -> &'static [Precision] {
+        if self.cooperation.is_some() { &[Precision::F32, Precision::Half] } else { &[Precision::F32] }
+    }
 }
 
 /// Device memory in buffers.
@@ -108,6 +119,8 @@ pub struct DeviceOptions {
     pub host_access: HostAccess,
     /// Which kernels it runs.
     pub kernels: FamilySelect,
+    /// How exact CLIP's matrix products are; all others are [`Precision::F32`].
+    pub precision: Precision,
 }
 
 /// An open Vulkan device; cheap to clone.
@@ -129,6 +142,7 @@ pub(super) struct DeviceInner {
     pub(super) info: DeviceInfo,
     pub(super) host_access: HostAccess,
     pub(super) family: KernelFamily,
+    precision: Precision,
     pub(super) queue_family: u32,
     pub(super) pipelines: PipelineCache,
     pub(super) slots: Mutex<Vec<Slot>>,
@@ -139,10 +153,10 @@ pub(super) struct DeviceInner {
 }
 
 /// The Vulkan instance and its messenger.
-struct Instance {
-    raw: ash::Instance,
+pub(super) struct Instance {
+    pub(super) raw: ash::Instance,
     messenger: Option<(ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    _entry: ash::Entry,
+    pub(super) entry: ash::Entry,
 }
 
 impl Instance {
@@ -169,7 +183,7 @@ impl Instance {
         let raw = unsafe { entry.create_instance(&info, None) }
             .map_err(|e| KernelError::NoDriver { reason: format!("vkCreateInstance: {e}") })?;
         let messenger = if validation { Some(messenger(&entry, &raw)?) } else { None };
-        Ok(Self { raw, messenger, _entry: entry })
+        Ok(Self { raw, messenger, entry })
     }
 
     fn devices(&self) -> Result<Vec<(vk::PhysicalDevice, DeviceInfo)>, KernelError> {
@@ -209,6 +223,7 @@ impl Instance {
             has_shuffles: subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE)
                 && subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE),
             has_robust_loads: self.has_robust_loads(device),
+            cooperation: self.cooperation(device, subgroup.subgroup_size),
             timestamp_period_ns: base.limits.timestamp_period,
         }
     }
@@ -224,7 +239,7 @@ impl Instance {
         robustness.robust_buffer_access2 == vk::TRUE
     }
 
-    fn has_extension(&self, device: vk::PhysicalDevice, name: &CStr) -> bool {
+    pub(super) fn has_extension(&self, device: vk::PhysicalDevice, name: &CStr) -> bool {
         // SAFETY: the physical device belongs to this instance.
         let list = unsafe { self.raw.enumerate_device_extension_properties(device) }.unwrap_or_default();
         list.iter().any(|e| e.extension_name_as_c_str() == Ok(name))
@@ -301,6 +316,9 @@ impl Device {
         let chosen = select.choose(&infos)?;
         let (physical, info) = (handles[chosen], infos[chosen].clone());
         let family = options.kernels.choose(&info)?;
+        if !info.precisions().contains(&options.precision) {
+            return Err(lacks_matrices(&info));
+        }
         let queue_family = instance.compute_family(physical, &info)?;
         let raw = instance.create_device(physical, &info, queue_family)?;
         // SAFETY: the family was requested with one queue.
@@ -313,6 +331,7 @@ impl Device {
             info,
             host_access: options.host_access,
             family,
+            precision: options.precision,
             queue_family,
             pipelines: PipelineCache::new(family),
             slots: Mutex::default(),
@@ -334,6 +353,12 @@ impl Device {
     #[must_use]
     pub fn family(&self) -> KernelFamily {
         self.inner.family
+    }
+
+    /// How exact CLIP's matrix products are to be.
+    #[must_use]
+    pub fn precision(&self) -> Precision {
+        self.inner.precision
     }
 
     /// Device memory in buffers: now, at the peak, and how often some was taken.
@@ -411,9 +436,13 @@ impl Instance {
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
         // Texel loads out of range must give zeros: the lane kernels pad with them. The tile kernels look at the range.
         let robust = device.has_robust_loads;
+        let matrices = device.cooperation.is_some();
+        let wanted = [(robust, ash::ext::robustness2::NAME), (matrices, ash::khr::cooperative_matrix::NAME)];
         let extensions: Vec<*const c_char> =
-            if robust { vec![ash::ext::robustness2::NAME.as_ptr()] } else { Vec::new() };
+            wanted.iter().filter_map(|(want, name)| want.then_some(name.as_ptr())).collect();
         let mut robustness = vk::PhysicalDeviceRobustness2FeaturesEXT::default().robust_buffer_access2(true);
+        let mut cooperation = vk::PhysicalDeviceCooperativeMatrixFeaturesKHR::default().cooperative_matrix(true);
+        let mut core = vk::PhysicalDeviceVulkan12Features::default().shader_float16(true).vulkan_memory_model(true);
         let features = vk::PhysicalDeviceFeatures::default().robust_buffer_access(true);
         let mut info = vk::DeviceCreateInfo::default()
             .queue_create_infos(&queues)
@@ -422,8 +451,22 @@ impl Instance {
         if robust {
             info = info.push_next(&mut robustness);
         }
+        if matrices {
+            info = info.push_next(&mut cooperation).push_next(&mut core);
+        }
         // SAFETY: every pointer in `info` outlives the call; the features were offered.
         check("vkCreateDevice", unsafe { self.raw.create_device(physical, &info, None) })
+    }
+}
+
+/// The error of products in 16-bit floats on a device that has no means for them.
+pub(super) fn lacks_matrices(info: &DeviceInfo) -> KernelError {
+    KernelError::Unsuitable {
+        device: info.name.clone(),
+        what:
+            "cooperative matrices of 16-bit floats with 32-bit sums (VK_KHR_cooperative_matrix), which precision f16 \
+               needs; f32 runs on it"
+                .to_owned(),
     }
 }
 

@@ -8,7 +8,8 @@ use ash::vk;
 
 use super::buffer::{Buffer, BufferInner, Element};
 use super::check;
-use super::device::{Device, DeviceInner};
+use super::cooperation::Cooperation;
+use super::device::{Device, DeviceInner, lacks_matrices};
 use super::family::KernelFamily;
 use super::pipeline::{KernelDef, Pipeline};
 use crate::error::KernelError;
@@ -226,6 +227,14 @@ impl Recorder {
     /// Which kernels the device runs; a wrapper that has a program for each asks this.
     pub(crate) fn family(&self) -> KernelFamily {
         self.device.family
+    }
+
+    /// How the device's subgroups multiply matrices of 16-bit floats.
+    ///
+    /// # Errors
+    /// [`KernelError::Unsuitable`] when they do not.
+    pub(crate) fn cooperation(&self) -> Result<Cooperation, KernelError> {
+        self.device.info.cooperation.ok_or_else(|| lacks_matrices(&self.device.info))
     }
 
     /// Records a kernel without specialisation constants.
