@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use guard4d_engine::EngineError;
-use guard4d_engine::clip::{Clip, ClipConfig, ClipSource, Purpose, TextConfig};
+use guard4d_engine::clip::{Clip, ClipConfig, ClipSource, Precision, Purpose, TextConfig};
 use guard4d_engine::tensor_file::{Tensor, TensorFile};
 use guard4d_kernels::Device;
 use rand_chacha::ChaCha8Rng;
@@ -20,8 +20,17 @@ const LARGE: &str = "ViT-B/32";
 const SEED: u64 = 1;
 
 pub(crate) fn measure(bench: &mut Bench) -> Outcome {
-    tower(bench, "mini", MINI_IMAGES, |device| Clip::load(device, &ClipSource::Mini))?;
-    tower(bench, LARGE, LARGE_IMAGES, random)
+    for precision in precisions(bench) {
+        tower(bench, ("mini", MINI_IMAGES), precision, |device| Clip::load(device, &ClipSource::Mini))?;
+        tower(bench, (LARGE, LARGE_IMAGES), precision, random)?;
+    }
+    Ok(())
+}
+
+/// All that the device can do.
+fn precisions(bench: &Bench) -> Vec<Precision> {
+    let half = bench.device.info().cooperation.map(|_| Precision::Half);
+    [Precision::F32, Precision::Fixed16].into_iter().chain(half).collect()
 }
 
 /// A checkpoint with the image tower of ViT-B/32, whose sizes are the defaults, and hardly any text tower. Random weights
@@ -59,15 +68,21 @@ fn random(device: &Device) -> Result<Clip, EngineError> {
 /// Rows of one tower; its weights are made only if a row is wanted.
 fn tower(
     bench: &mut Bench,
-    label: &str,
-    images: usize,
+    (label, images): (&str, usize),
+    precision: Precision,
     load: impl Fn(&Device) -> Result<Clip, EngineError>,
 ) -> Outcome {
-    let [forward, both] = ["forward", "forward and backward"].map(|way| format!("clip/{label} {way} {images} images"));
+    let kept = match precision {
+        Precision::F32 => "",
+        Precision::Fixed16 => ", 16-bit weights",
+        Precision::Half => ", f16",
+    };
+    let name = |way| format!("clip/{label} {way} {images} images{kept}");
+    let [forward, both] = ["forward", "forward and backward"].map(name);
     if !bench.wants(&forward) && !bench.wants(&both) {
         return Ok(());
     }
-    let clip = load(&bench.device)?;
+    let clip = load(&bench.device)?.in_precision(precision);
     let tower = clip.vision(Purpose::InputGradient)?;
     let config = &clip.config().vision_config;
     let [side, patch, width, inner, layers] =

@@ -7,7 +7,7 @@ use cpu_time::ProcessTime;
 use criterion::Criterion;
 use guard4d_engine::EngineError;
 use guard4d_engine::watermark::embed::StepPart;
-use guard4d_kernels::vk::DeviceKind;
+use guard4d_kernels::vk::{DeviceKind, KernelDef};
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
 
 use crate::probe::PROBES;
@@ -55,6 +55,16 @@ impl Row {
         Quartiles::of(&self.core_seconds)
     }
 
+    /// CPU seconds of the fastest run: what the code takes when nobody else slows the core down.
+    pub(crate) fn best_core_seconds(&self) -> f64 {
+        self.core_seconds.iter().copied().fold(f64::NAN, f64::min)
+    }
+
+    /// The shortest run by the device's clock, or by the one on the wall.
+    pub(crate) fn best_seconds(&self) -> f64 {
+        self.seconds.iter().copied().fold(f64::NAN, f64::min)
+    }
+
     fn work(&self) -> Option<f64> {
         match self.work {
             Work::Flops(work, _) | Work::Bytes(work, _) => Some(work),
@@ -65,6 +75,11 @@ impl Row {
     /// Operations or bytes per second.
     pub(crate) fn rate(&self) -> Option<f64> {
         self.work().map(|work| work / self.time().median)
+    }
+
+    /// Operations or bytes per CPU second of the fastest run.
+    pub(crate) fn best_core_rate(&self) -> Option<f64> {
+        self.work().map(|work| work / self.best_core_seconds())
     }
 
     /// Operations or bytes per CPU second.
@@ -156,7 +171,9 @@ impl Bench {
 
     /// Kernels of the registry that no row ran, so that none is forgotten; nobody can tell after a part only.
     pub(crate) fn unmeasured(&self) -> Vec<&'static str> {
-        let all = guard4d_kernels::registry::ALL.iter().map(|kernel| kernel.name);
+        let info = self.device.info();
+        let runs = |kernel: &&&KernelDef| kernel.runs_on(self.device.family(), info);
+        let all = guard4d_kernels::registry::ALL.iter().filter(runs).map(|kernel| kernel.name);
         all.filter(|name| !self.is_partial() && !self.kernels.contains(name)).collect()
     }
 

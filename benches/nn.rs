@@ -8,7 +8,7 @@ use guard4d_kernels::nn::conv3d::{
 use guard4d_kernels::nn::embedding::{self, Tables};
 use guard4d_kernels::nn::layer_norm::{self, LayerNorm, Rows};
 use guard4d_kernels::nn::matmul::{self, GradScratch, Product};
-use guard4d_kernels::nn::pack::{self, Order, PackedWeight};
+use guard4d_kernels::nn::pack::{self, Order, PackedWeight, Precision};
 use guard4d_kernels::nn::patch_embed::{self, PatchShape};
 use guard4d_kernels::nn::{axpy, column_sum, l2_normalize, row_mean, transpose};
 use guard4d_kernels::shape::{Accumulate, ClipShape};
@@ -49,6 +49,16 @@ fn product(bench: &mut Bench) -> Outcome {
         bench.passes(&format!("nn/matmul {m}x{k}x{n}"), work, |rec| {
             matmul::forward(rec, &Product::plain(&a, m, &weight), &mut c)
         })?;
+        let codes = PackedWeight::in_precision(&bench.device, "w", &vec![0.01; n * k], (n, k), Precision::Fixed16)?;
+        bench.passes(&format!("nn/matmul {m}x{k}x{n}, 16-bit weights"), work, |rec| {
+            matmul::forward(rec, &Product::plain(&a, m, &codes), &mut c)
+        })?;
+        if bench.device.info().cooperation.is_some() {
+            let half = PackedWeight::in_precision(&bench.device, "w", &vec![0.01; n * k], (n, k), Precision::Half)?;
+            bench.passes(&format!("nn/matmul {m}x{k}x{n}, f16"), work, |rec| {
+                matmul::forward(rec, &Product::plain(&a, m, &half), &mut c)
+            })?;
+        }
     }
     let (n, k) = (2304, 768);
     let (a, c) = (bench.data("a", m * k)?, bench.data("c", m * n)?);

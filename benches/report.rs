@@ -12,7 +12,7 @@ use crate::harness::{Bench, Row, SAMPLES, Work};
 use crate::host::{commit, date, load, processor, results};
 use crate::probe::{ARITHMETIC, HOST, MEMORY};
 use crate::stats::exponent;
-use crate::target::{self, Figure, Target};
+use crate::target::{self, Figure, Measured, Target};
 use crate::{Args, Outcome};
 
 /// Writes `results.csv`, `summary.md` and `shares.svg`. A part of the rows is only written where the command line says.
@@ -44,6 +44,8 @@ struct Shares {
     core: Option<f64>,
     /// Of the FMA peak of one core, by CPU time.
     fma: Option<f64>,
+    /// The same of the fastest runs of both.
+    best_fma: Option<f64>,
 }
 
 impl Shares {
@@ -63,6 +65,7 @@ impl Shares {
             device: limit.and_then(|limit| share(Row::rate, limit)),
             core: limit.filter(|_| bench.is_cpu()).and_then(|limit| share(Row::core_rate, limit)),
             fma: if computes { share(Row::core_rate, HOST) } else { None },
+            best_fma: if computes { share(Row::best_core_rate, HOST) } else { None },
         }
     }
 }
@@ -88,20 +91,21 @@ fn giga(rate: Option<f64>) -> Option<f64> {
 fn csv(bench: &Bench) -> String {
     let times = [MS, CORE_MS].map(|clock| QUARTILES.map(|end| format!("{clock}{end}")).join(","));
     let mut out = format!(
-        "{NAME},{},samples,{JUDGED_BY},rate,core_rate,unit,share_percent,core_share_percent,fma_share_percent,work\n",
+        "{NAME},{},samples,{JUDGED_BY},rate,core_rate,unit,share_percent,core_share_percent,fma_share_percent,best_core_ms,best_fma_share_percent,work\n",
         times.join(",")
     );
     let judged_by = if bench.is_cpu() { CORE_MS } else { MS };
     for row in &bench.rows {
         let times = [row.time(), row.core_time()]
             .map(|q| [q.low, q.median, q.high].map(|seconds| format!("{:.5}", seconds * 1e3)).join(","));
-        let Shares { device, core, fma } = Shares::of(bench, row);
+        let Shares { device, core, fma, best_fma } = Shares::of(bench, row);
+        let best = [Some(row.best_core_seconds() * 1e3), best_fma].map(|figure| cell(figure, 2)).join(",");
         let shares = [device, core, fma].map(|share| cell(share, 2)).join(",");
         let rates = [row.rate(), row.core_rate()].map(|rate| cell(giga(rate), 3)).join(",");
         let (unit, formula) = unit(row);
         let (name, samples) = (&row.name, row.seconds.len());
         let times = times.join(",");
-        writeln!(out, "\"{name}\",{times},{samples},{judged_by},{rates},{unit},{shares},\"{formula}\"")
+        writeln!(out, "\"{name}\",{times},{samples},{judged_by},{rates},{unit},{shares},{best},\"{formula}\"")
             .expect("a string takes any text");
     }
     out
@@ -162,19 +166,25 @@ fn head(bench: &Bench, args: &Args) -> String {
 }
 
 /// Figure of a target in this run.
-fn measured(bench: &Bench, target: &Target) -> Option<f64> {
+fn measured(bench: &Bench, target: &Target) -> Option<Measured> {
+    let both = |[median, best]: [Option<f64>; 2]| Some(Measured { median: median?, best: best? });
     if target.figure == Figure::Exponent {
-        return fitted(bench, target.row, |row| row.core_time().median);
+        let times: [fn(&Row) -> f64; 2] = [|row| row.core_time().median, Row::best_core_seconds];
+        return both(times.map(|time| fitted(bench, target.row, time)));
     }
     let row = bench.rows.iter().find(|row| row.name.starts_with(target.row))?;
-    let (ms, core_ms) = (row.time().median * 1e3, row.core_time().median * 1e3);
-    match target.figure {
-        Figure::FmaShare => Shares::of(bench, row).fma,
-        Figure::CoreMs => Some(core_ms),
-        Figure::MsEach(parts) => Some(ms / parts),
-        Figure::CoreNsEach(parts) => Some(core_ms * 1e6 / parts),
-        Figure::Exponent | Figure::Missing => None,
-    }
+    let seconds = [row.time().median, row.best_seconds()];
+    let core_seconds = [row.core_time().median, row.best_core_seconds()];
+    both(match target.figure {
+        Figure::FmaShare => {
+            let Shares { fma, best_fma, .. } = Shares::of(bench, row);
+            [fma, best_fma]
+        }
+        Figure::CoreMs => core_seconds.map(|s| Some(s * 1e3)),
+        Figure::MsEach(parts) => seconds.map(|s| Some(s * 1e3 / parts)),
+        Figure::CoreNsEach(parts) => core_seconds.map(|s| Some(s * 1e9 / parts)),
+        Figure::Exponent => [None, None],
+    })
 }
 
 fn targets(bench: &Bench) -> String {
@@ -183,23 +193,26 @@ fn targets(bench: &Bench) -> String {
     }
     let table = target::table(|target| measured(bench, target));
     format!(
-        "\n## Targets\n\nFor processors; a row that `--full` alone measures is \"not measured\" without it.\n\n{table}"
+        "\n## Targets\n\nFor processors; a row that `--full` alone measures is \"not measured\" without it. The floors come from \
+         the fastest of 7 to 25 runs by CPU time; on a shared machine the median also says how busy its neighbours were.\
+         \n\n{table}"
     )
 }
 
 fn rows(bench: &Bench) -> String {
     let mut out = "\n## Rows\n\n\
-                   | what | ms | core-ms | rate | share of peak | by CPU time | of core's FMA peak | work |\n\
-                   | --- | ---: | ---: | ---: | ---: | ---: | ---: | --- |\n"
+                   | what | ms | core-ms | best | rate | share of peak | by CPU time | of core's FMA peak | best | work |\n\
+                   | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |\n"
         .to_owned();
     for row in &bench.rows {
-        let Shares { device, core, fma } = Shares::of(bench, row);
+        let Shares { device, core, fma, best_fma } = Shares::of(bench, row);
         let percent = |share: Option<f64>| share.map(|s| format!("{s:.1} %")).unwrap_or_default();
-        let shares = [device, core, fma].map(percent).join(" | ");
+        let shares = [device, core, fma, best_fma].map(percent).join(" | ");
         let (unit, formula) = unit(row);
         let (ms, core_ms) = (row.time().median * 1e3, row.core_time().median * 1e3);
+        let best = row.best_core_seconds() * 1e3;
         let rate = cell(giga(row.rate()), 2);
-        writeln!(out, "| {} | {ms:.3} | {core_ms:.3} | {rate} {unit} | {shares} | {formula} |", row.name)
+        writeln!(out, "| {} | {ms:.3} | {core_ms:.3} | {best:.3} | {rate} {unit} | {shares} | {formula} |", row.name)
             .expect("a string takes any text");
     }
     out

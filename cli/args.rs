@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use bytesize::ByteSize;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use guard4d_kernels::{DeviceSelect, FamilySelect, Precision};
+use guard4d_engine::clip::Precision;
+use guard4d_kernels::{DeviceSelect, FamilySelect};
 
 /// Writes an owner's message into 4D Gaussian splat assets and reads it back from rendered video.
 #[derive(Debug, Parser)]
@@ -43,10 +44,12 @@ pub(crate) struct Common {
     /// `auto` takes lanes on a processor whose driver can run them, tiles elsewhere. Both compute the same up to rounding.
     #[arg(long, global = true, default_value = "auto", env = "GUARD4D_KERNELS")]
     pub(crate) kernels: FamilySelect,
-    /// What CLIP's matrix products round their factors to: f32 (not at all), or f16 on GPUs with cooperative matrices
+    /// How the matrices of CLIP's image tower are kept: f32, or fixed16 or f16, which take half the memory and are faster
     ///
-    /// f16 is faster and gives slightly other results, so that a mark is best read in the precision that it was written in.
-    #[arg(long, global = true, default_value = "f32", env = "GUARD4D_PRECISION")]
+    /// An element of a fixed16 row is off by at most 2⁻¹⁶ of the row's largest. f16 is for GPUs with cooperative matrices
+    /// (`guard4d devices` says which): all factors of a product are off by up to 2⁻¹¹ of themselves. Keys do not depend on
+    /// either.
+    #[arg(long, global = true, default_value_t, value_name = "PRECISION")]
     pub(crate) precision: Precision,
     /// Most device memory to take, such as 512MiB or 4GB; `embed` then keeps fewer clips at hand, to the same result
     #[arg(long, global = true, value_name = "SIZE", env = "GUARD4D_VRAM_BUDGET")]

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use guard4d_engine::EngineError;
-use guard4d_engine::clip::{Clip, ClipSource};
+use guard4d_engine::clip::ClipSource;
 use guard4d_engine::demo::{self, BITS, Scene};
 use guard4d_engine::media::Frame;
 use guard4d_engine::media::encode::{EncodeOptions, write_mp4};
@@ -66,7 +66,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     let out = AtomicDir::create(&args.out, existing)?;
     let device = devices::open(common)?;
     note(common, &format!("device: {}", device.info().name));
-    let clip = Clip::load(&device, &ClipSource::Mini)?;
+    let clip = devices::load_clip(&device, &ClipSource::Mini, common)?;
     let scene = Scene::unpack()?;
     let model = Model::open(scene.path())?;
     let config = config(args);

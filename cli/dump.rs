@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use guard4d_engine::EngineError;
-use guard4d_engine::clip::{Clip, ClipSource};
+use guard4d_engine::clip::ClipSource;
 use guard4d_engine::dump::{self, Border, View};
 use guard4d_engine::output::{AtomicFile, Existing};
 use guard4d_engine::scene::Model;
@@ -24,7 +24,7 @@ pub(crate) fn run(args: &DumpArgs, common: &Common) -> Result<Outcome, EngineErr
             (dump::render(&device, &Model::open(model)?, &view, v_image.as_ref())?, out)
         }
         DumpCommand::Clip { clip, io } => {
-            let clip = Clip::load(&device, &ClipSource::from_argument(clip))?;
+            let clip = devices::load_clip(&device, &ClipSource::from_argument(clip), common)?;
             (dump::clip(&device, &clip, &TensorFile::read(&io.input)?)?, &io.out)
         }
         DumpCommand::Conv3d { border, io } => {

@@ -96,7 +96,7 @@ struct Inputs {
 impl Inputs {
     fn open(args: &EmbedArgs, common: &Common) -> Result<Self, EngineError> {
         let device = devices::open(common)?;
-        let clip = Clip::load(&device, &ClipSource::from_argument(&args.clip))?;
+        let clip = devices::load_clip(&device, &ClipSource::from_argument(&args.clip), common)?;
         let key = Key::read(args.key.as_ref().expect("clap requires it without --undo"), &clip)?;
         let gate = gate(args, key.bits())?;
         let model = Model::open(&args.model)?;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use guard4d_engine::EngineError;
-use guard4d_engine::clip::{Clip, ClipSource};
+use guard4d_engine::clip::ClipSource;
 use guard4d_engine::scene::Model;
 use guard4d_engine::watermark::evidence::{PStatement, Verdict};
 use guard4d_engine::watermark::key::Key;
@@ -19,7 +19,7 @@ use crate::views::cameras;
 
 pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineError> {
     let device = devices::open(common)?;
-    let clip = Clip::load(&device, &ClipSource::from_argument(&args.clip))?;
+    let clip = devices::load_clip(&device, &ClipSource::from_argument(&args.clip), common)?;
     let key = Key::read(&args.key, &clip)?;
     let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
     let message = Payload::parse(&args.message, bits)?.message(&key.prf())?;

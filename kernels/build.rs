@@ -29,6 +29,8 @@ pub(crate) struct Programs {
     pub lanes: Option<String>,
     /// For `KernelFamily::Tiles`.
     pub tiles: Option<String>,
+    /// Whether it needs cooperative matrices.
+    pub is_coop: bool,
 }
 
 /// One source file together with the defines of one variant of it.
@@ -72,21 +74,21 @@ fn programs(unit: Unit, has_tile: bool, out: &Path) -> Programs {
     if unit.name.ends_with(TILE_SUFFIX) {
         let (tiles, spv) = compiled(&unit, "tiles");
         reflect::check_tiles(&tiles).unwrap_or_else(refuse);
-        return Programs { kernel: tiles.kernel, lanes: None, tiles: spv };
+        return Programs { kernel: tiles.kernel, lanes: None, tiles: spv, is_coop: false };
     }
     if unit.name.ends_with(COOP_SUFFIX) {
         let (coop, spv) = compiled(&unit, "coop");
         reflect::check_coop(&coop).unwrap_or_else(refuse);
-        return Programs { kernel: coop.kernel, lanes: spv.clone(), tiles: spv };
+        return Programs { kernel: coop.kernel, lanes: spv.clone(), tiles: spv, is_coop: true };
     }
     let (lanes, lanes_spv) = compiled(&unit, "lanes");
     if has_tile {
-        return Programs { kernel: lanes.kernel, lanes: lanes_spv, tiles: None };
+        return Programs { kernel: lanes.kernel, lanes: lanes_spv, tiles: None, is_coop: false };
     }
     let portable = Unit { source: with_defines(&unit.source, &[TILES.to_owned()]), name: unit.name.clone() };
     let (tiles, tiles_spv) = compiled(&portable, "tiles");
     reflect::check_tiles(&tiles).and_then(|()| reflect::check_exchangeable(&lanes, &tiles)).unwrap_or_else(refuse);
-    Programs { kernel: lanes.kernel, lanes: lanes_spv, tiles: tiles_spv }
+    Programs { kernel: lanes.kernel, lanes: lanes_spv, tiles: tiles_spv, is_coop: false }
 }
 
 /// Compiles one unit into the file `spv` and reflects it.

@@ -1,6 +1,7 @@
 #version 460
 // nn/matmul_fwd: C = epilogue(A*W^T + bias). One subgroup of eight lanes per tile of 16 rows x 8*BLOCKS columns.
 //   in   a [m, k]   w packed by nn/pack [n/8][k/4][8] vec4   bias [n]   aux [m, n], read if MODE > 0
+//        FIXED16: w packed [n/16][k/4][8] uvec4 of 16-bit codes, times scale [n]
 //   out  c [m, n] (=)   MODE 0: act(s)   MODE 1: s + aux   MODE 2: s * act'(aux), for s = A*W^T + bias
 //   twin kernels/src/reference/nn/matmul.rs   sums run over k in order, so the result is deterministic
 #extension GL_EXT_control_flow_attributes : require
@@ -13,7 +14,12 @@ layout(constant_id = 1) const uint MODE = 0;
 layout(constant_id = 2) const uint ACTIVATION = 0;
 layout(push_constant) uniform Params { int m; int n; int k; } p;
 TEXELS_F32(0, a_tex);
+#ifdef FIXED16
+TEXELS_U32(1, w_tex);
+layout(set = 0, binding = 5) readonly buffer Scale { float scale[]; };
+#else
 TEXELS_F32(1, w_tex);
+#endif
 layout(set = 0, binding = 2) readonly buffer Bias { float bias[]; };
 TEXELS_F32(3, aux_tex);
 layout(set = 0, binding = 4) writeonly buffer C { vec4 c[]; };
@@ -40,10 +46,16 @@ void main() {
         int row = row0 + 8 * half_tile + lane;
         int row_texel = min(row, p.m - 1) * (p.n / 4);
         [[unroll]] for (int b = 0; b < BLOCKS; ++b) {
-            float shift = bias[(block0 + b) * 8 + lane];
+            int column = (block0 + b) * 8 + lane;
+            float shift = bias[column];
+#ifdef FIXED16
+            float unit = scale[column];
+#else
+            const float unit = 1.0;
+#endif
             float v[8];
             [[unroll]] for (int r = 0; r < 8; ++r) {
-                v[r] = acc[(8 * half_tile + r) * BLOCKS + b] + shift;
+                v[r] = acc[(8 * half_tile + r) * BLOCKS + b] * unit + shift;
             }
             transpose_block(v, lane);
             int at = row_texel + (block0 + b) * 2;

@@ -1,7 +1,7 @@
 #version 460
 // nn/matmul_fwd_coop: nn/matmul_fwd by cooperative matrices, operands rounded to f16, sums in f32. One workgroup per 64 x 64 tile.
-//   in   a [m, k]   w packed by nn/pack [n/8][k/4][8] vec4   bias [n]   aux [m, n], read if MODE > 0
-//   out  c [m, n] (=), epilogue(f16(A)*f16(W)^T + bias)
+//   in   a [m, k]   w in f16, packed by nn/pack [n/8][k/4][8] uvec2   bias [n]   aux [m, n], read if MODE > 0
+//   out  c [m, n] (=), epilogue(f16(A)*W^T + bias)
 //   twin kernels/src/reference/nn/matmul.rs on rounded operands   the device orders the sums over one panel's k, not the panels
 //   Panels of 32 k lie in shared memory, rows 40 halves apart: a multiple of 16 bytes, as cooperative loads want, and off the
 //   banks of the row before. Each of SUBGROUPS subgroups owns a block of the tile's TM x TN matrices; ROW_BLOCKS of them lie
@@ -22,7 +22,7 @@ layout(constant_id = 5) const uint MODE = 0;
 layout(constant_id = 6) const uint ACTIVATION = 0;
 layout(push_constant) uniform Params { int m; int n; int k; } p;
 layout(set = 0, binding = 0) readonly buffer A { vec4 a[]; };
-layout(set = 0, binding = 1) readonly buffer W { vec4 w[]; };
+layout(set = 0, binding = 1) readonly buffer W { uvec2 w[]; };
 layout(set = 0, binding = 2) readonly buffer Bias { vec4 bias[]; };
 layout(set = 0, binding = 3) readonly buffer Aux { vec4 aux[]; };
 layout(set = 0, binding = 4) writeonly buffer C { vec4 c[]; };
@@ -43,7 +43,7 @@ shared f16vec4 panel_right[TILE * STRIDE4];
 shared float patch_of_subgroup[PATCH];
 
 vec4 next_left[FETCHES];
-vec4 next_right[FETCHES];
+uvec2 next_right[FETCHES];
 
 // Rows of A by texels, and W in the order in which it is packed; zero outside.
 void fetch(int id, int row0, int column0, int texel0) {
@@ -55,7 +55,7 @@ void fetch(int id, int row0, int column0, int texel0) {
         next_left[q] = row < p.m && texel < k4 ? a[row * k4 + texel] : vec4(0.0);
         int column = column0 + i / (8 * DEPTH4) * 8 + i % 8;
         texel = texel0 + i / 8 % DEPTH4;
-        next_right[q] = column < p.n && texel < k4 ? w[((column / 8) * k4 + texel) * 8 + column % 8] : vec4(0.0);
+        next_right[q] = column < p.n && texel < k4 ? w[((column / 8) * k4 + texel) * 8 + column % 8] : uvec2(0u);
     }
 }
 
@@ -63,7 +63,8 @@ void stage(int id) {
     [[unroll]] for (int q = 0; q < FETCHES; ++q) {
         int i = id + q * GROUP;
         panel_left[i / DEPTH4 * STRIDE4 + i % DEPTH4] = f16vec4(next_left[q]);
-        panel_right[(i / (8 * DEPTH4) * 8 + i % 8) * STRIDE4 + i / 8 % DEPTH4] = f16vec4(next_right[q]);
+        panel_right[(i / (8 * DEPTH4) * 8 + i % 8) * STRIDE4 + i / 8 % DEPTH4] =
+            f16vec4(unpackFloat2x16(next_right[q].x), unpackFloat2x16(next_right[q].y));
     }
 }
 

@@ -16,6 +16,4 @@ pub mod splat;
 pub mod vk;
 
 pub use error::KernelError;
-pub use vk::{
-    Buffer, Device, DeviceOptions, DeviceSelect, FamilySelect, Grid, KernelFamily, Precision, Recorder, Timings,
-};
+pub use vk::{Buffer, Device, DeviceOptions, DeviceSelect, FamilySelect, Grid, KernelFamily, Recorder, Timings};

@@ -1,7 +1,7 @@
 //! The miniature CLIP against transformers' outputs and gradients: for the golden file's random pictures and texts, and
 //! for real ones where the test material is.
 
-use guard4d_engine::clip::{Clip, ClipSource, Purpose};
+use guard4d_engine::clip::{Clip, ClipSource, Precision, Purpose};
 use guard4d_engine::tensor_file::TensorFile;
 
 use super::{length, padded_texts, pixels_of, token_ids};
@@ -55,12 +55,12 @@ fn image_features_match_transformers() {
 
 #[test]
 fn half_precision_moves_features_and_gradients_by_its_rounding_alone() {
-    let (Some(exact), Some(rounding)) = (device(), half_device()) else { return };
+    let Some(gpu) = half_device() else { return };
     let file = golden();
     let planes = file.floats("pixel_values", &[2, 3, 64, 64]).expect("pictures");
     let v_features = file.floats("v_image_embeds", &[2, 512]).expect("a gradient");
-    let [(features, v_pixels), (rounded, v_rounded)] = [&exact, &rounding].map(|gpu| {
-        let tower = mini(gpu).vision(Purpose::InputGradient).expect("tower");
+    let [(features, v_pixels), (rounded, v_rounded)] = [Precision::F32, Precision::Half].map(|precision| {
+        let tower = mini(&gpu).in_precision(precision).vision(Purpose::InputGradient).expect("tower");
         let pixels = gpu.buffer_from("pixels", &pixels_of(planes, 64)).expect("buffer");
         let v_features = gpu.buffer_from("v_features", v_features).expect("buffer");
         let mut v_pixels = gpu.buffer_from("v_pixels", &vec![f32::NAN; 2 * 64 * 64 * 4]).expect("buffer");

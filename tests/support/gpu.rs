@@ -4,7 +4,7 @@ use std::ops::Deref;
 use std::sync::OnceLock;
 
 use guard4d_kernels::vk::{HostAccess, take_validation_errors};
-use guard4d_kernels::{Device, DeviceOptions, DeviceSelect, FamilySelect, KernelFamily, Precision};
+use guard4d_kernels::{Device, DeviceOptions, DeviceSelect, FamilySelect, KernelFamily};
 
 /// Derefs to the device; fails the test when it caused a validation error.
 pub(crate) struct Gpu(Device);
@@ -91,23 +91,21 @@ pub(crate) fn each_family() -> Option<[Gpu; 2]> {
     }
 }
 
-/// The device opened with the precision f16. `None`, with the reason printed, without a driver or where the device lacks
-/// cooperative matrices; with `GUARD4D_REQUIRE_F16` set that fails the test.
+/// The shared device where it has cooperative matrices for 16-bit floats. `None`, with the reason printed, where it lacks
+/// them; with `GUARD4D_REQUIRE_F16` set that fails the test.
 pub(crate) fn half_device() -> Option<Gpu> {
-    drop(device()?);
-    match open_with(DeviceOptions { precision: Precision::Half, ..DeviceOptions::default() }) {
-        Ok(device) => Some(Gpu(device)),
-        Err(why) => {
-            assert!(std::env::var_os("GUARD4D_REQUIRE_F16").is_none(), "{why}");
-            super::skipped(&why);
-            None
-        }
+    let gpu = device()?;
+    if let Err(why) = gpu.cooperation() {
+        assert!(std::env::var_os("GUARD4D_REQUIRE_F16").is_none(), "{why}");
+        super::skipped(&why.to_string());
+        return None;
     }
+    Some(gpu)
 }
 
 fn open(host_access: HostAccess) -> Result<Device, String> {
     let kernels: FamilySelect = std::env::var("GUARD4D_KERNELS").unwrap_or_else(|_| "auto".to_owned()).parse()?;
-    open_with(DeviceOptions { host_access, kernels, ..DeviceOptions::default() })
+    open_with(DeviceOptions { host_access, kernels })
 }
 
 fn open_with(options: DeviceOptions) -> Result<Device, String> {

@@ -53,7 +53,6 @@ pub(crate) fn body() -> ReceiptBody {
             name: "test".to_owned(),
             driver: "none 1".to_owned(),
             kernels: Some("lanes".to_owned()),
-            precision: Some("f32".to_owned()),
             api_version: "1.2".to_owned(),
             repeatability: Repeatability::SameBytes,
         },

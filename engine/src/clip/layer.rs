@@ -3,7 +3,7 @@
 use guard4d_kernels::nn::activation::{self, Activation};
 use guard4d_kernels::nn::layer_norm::{self, LayerNorm, Rows};
 use guard4d_kernels::nn::matmul::{self, Epilogue, Product};
-use guard4d_kernels::nn::pack::PackedWeight;
+use guard4d_kernels::nn::pack::{PackedWeight, Precision};
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
 
 use super::weights::Weights;
@@ -24,6 +24,8 @@ pub(super) struct Loader<'a> {
     pub(super) device: &'a Device,
     pub(super) weights: &'a Weights,
     pub(super) purpose: Purpose,
+    /// Of the matrices; norms and biases are floats.
+    pub(super) precision: Precision,
 }
 
 impl Loader<'_> {
@@ -52,17 +54,15 @@ impl Loader<'_> {
         inputs: usize,
     ) -> Result<Linear, KernelError> {
         let outputs = weight.len() / inputs;
-        let precision = self.device.precision();
         let adjoint = match self.purpose {
             Purpose::Features => None,
             Purpose::InputGradient => {
-                let adjoint =
-                    PackedWeight::transposed(self.device, &format!("{name}.adjoint"), weight, inputs, outputs)?;
-                Some(adjoint.with_precision(precision))
+                let name = format!("{name}.adjoint");
+                Some(PackedWeight::transposed(self.device, &name, weight, (inputs, outputs), self.precision)?)
             }
         };
         Ok(Linear {
-            weight: PackedWeight::new(self.device, name, weight, outputs, inputs)?.with_precision(precision),
+            weight: PackedWeight::in_precision(self.device, name, weight, (outputs, inputs), self.precision)?,
             bias: bias.map(|b| self.device.buffer_from(&format!("{name}.bias"), b)).transpose()?,
             adjoint,
         })

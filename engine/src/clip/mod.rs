@@ -13,6 +13,7 @@ mod weights;
 use std::path::{Path, PathBuf};
 
 use guard4d_kernels::Device;
+pub use guard4d_kernels::nn::pack::Precision;
 
 pub use config::{ClipConfig, TextConfig, VisionConfig};
 pub use layer::Purpose;
@@ -46,6 +47,7 @@ pub struct Clip {
     config: ClipConfig,
     weights: Weights,
     hash: blake3::Hash,
+    precision: Precision,
 }
 
 impl<'a> ClipSource<'a> {
@@ -87,7 +89,20 @@ impl Clip {
         hasher.update(&serde_json::to_vec(&config).expect("a configuration of numbers and strings is valid JSON"));
         hasher.update(blake3::hash(weights).as_bytes());
         let weights = Weights::new(TensorFile::from_bytes(path, weights)?, &config)?;
-        Ok(Self { device: device.clone(), config, weights, hash: hasher.finalize() })
+        Ok(Self { device: device.clone(), config, weights, hash: hasher.finalize(), precision: Precision::F32 })
+    }
+
+    /// The same checkpoint with the image tower's matrices kept in this precision. The text tower always has floats, so
+    /// that keys and token tables do not depend on it.
+    #[must_use]
+    pub fn in_precision(self, precision: Precision) -> Self {
+        Self { precision, ..self }
+    }
+
+    /// Of the image tower's matrices.
+    #[must_use]
+    pub fn precision(&self) -> Precision {
+        self.precision
     }
 
     /// Sizes of both towers.
@@ -113,7 +128,7 @@ impl Clip {
     /// # Errors
     /// When memory runs out.
     pub fn vision(&self, purpose: Purpose) -> Result<VisionTower, EngineError> {
-        VisionTower::load(&self.device, &self.weights, &self.config, purpose)
+        VisionTower::load(&self.device, &self.weights, &self.config, (purpose, self.precision))
     }
 
     /// Puts the text tower on the device.

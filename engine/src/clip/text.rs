@@ -4,6 +4,7 @@ use guard4d_kernels::nn::attention::Mask;
 use guard4d_kernels::nn::embedding::{self, Tables};
 use guard4d_kernels::nn::l2_normalize;
 use guard4d_kernels::nn::layer_norm::{self, LayerNorm, Rows};
+use guard4d_kernels::nn::pack::Precision;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
 
 use super::config::{ClipConfig, TextConfig};
@@ -50,7 +51,7 @@ pub struct TextFeatures {
 
 impl TextTower {
     pub(super) fn load(device: &Device, weights: &Weights, config: &ClipConfig) -> Result<Self, EngineError> {
-        let loader = Loader { device, weights, purpose: Purpose::Features };
+        let loader = Loader { device, weights, purpose: Purpose::Features, precision: Precision::F32 };
         let sizes = config.text_sizes(weights.path())?;
         let table = weights.get("text_model.embeddings.token_embedding.weight")?;
         let position = weights.get("text_model.embeddings.position_embedding.weight")?;

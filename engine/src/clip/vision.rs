@@ -4,6 +4,7 @@ use guard4d_kernels::nn::attention::Mask;
 use guard4d_kernels::nn::l2_normalize;
 use guard4d_kernels::nn::layer_norm::{self, LayerNorm, Rows};
 use guard4d_kernels::nn::matmul::Epilogue;
+use guard4d_kernels::nn::pack::Precision;
 use guard4d_kernels::nn::patch_embed::{self, PatchShape};
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
 
@@ -52,9 +53,9 @@ impl VisionTower {
         device: &Device,
         weights: &Weights,
         config: &ClipConfig,
-        purpose: Purpose,
+        (purpose, precision): (Purpose, Precision),
     ) -> Result<Self, EngineError> {
-        let loader = Loader { device, weights, purpose };
+        let loader = Loader { device, weights, purpose, precision };
         let sizes = config.vision_sizes(weights.path())?;
         let vision = &config.vision_config;
         let conv = weights.get("vision_model.embeddings.patch_embedding.weight")?;

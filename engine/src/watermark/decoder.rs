@@ -2,7 +2,7 @@
 
 use guard4d_kernels::nn::activation::{self, Activation};
 use guard4d_kernels::nn::matmul::{self, Epilogue, Product};
-use guard4d_kernels::nn::pack::PackedWeight;
+use guard4d_kernels::nn::pack::{PackedWeight, Precision};
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
 
 use crate::error::EngineError;
@@ -127,8 +127,8 @@ impl Decoder {
                     device,
                     &format!("decoder.{i}.weight_t"),
                     weight,
-                    *inputs,
-                    *outputs,
+                    (*inputs, *outputs),
+                    Precision::F32,
                 )?,
                 bias: device.buffer_from(&format!("decoder.{i}.bias"), bias)?,
             })

@@ -83,6 +83,7 @@ pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result
         settings: serde_json::json!({
             "input": input.file_name().map(|n| n.to_string_lossy()),
             "embed": to_value(config).unwrap_or_default(),
+            "precision": subject.clip.precision().name(),
             "steps_taken": embedded.steps,
         }),
         figures: figures(&evaluation),
@@ -92,7 +93,6 @@ pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result
             name: info.name.clone(),
             driver: info.driver.clone(),
             kernels: Some(device.family().to_string()),
-            precision: Some(device.precision().to_string()),
             api_version: "1.2".to_owned(),
             repeatability: Repeatability::SameBytes,
         },

@@ -144,9 +144,6 @@ pub struct DeviceRecord {
     /// Kernel family; none in receipts from before there were two.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kernels: Option<String>,
-    /// Precision of CLIP's matrix products; none in receipts from before there was a choice.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub precision: Option<String>,
     /// Vulkan version.
     pub api_version: String,
     /// What a second run gives.

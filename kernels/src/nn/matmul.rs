@@ -1,17 +1,17 @@
 //! Matrix product with a packed right operand.
 
 use super::activation::Activation;
-use super::pack::{LANES, Order, PackedWeight, TEXEL, gather};
+use super::pack::{Elements, LANES, Order, PackedWeight, TEXEL, gather};
 use super::{as_i32, as_u32, expect_len, expect_multiple, transpose};
-use crate::registry::nn::{matmul_fwd, matmul_fwd_coop, matmul_fwd_tile, matmul_gradient_tile};
+use crate::registry::nn::{matmul_fwd, matmul_fwd_coop, matmul_fwd_fixed16, matmul_fwd_tile, matmul_gradient_tile};
 use crate::vk::COOP_TILE;
-use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Precision, Recorder};
+use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder};
 
 const KERNEL: &str = "nn/matmul";
 /// Rows of C that one workgroup computes: `TILE_ROWS` of `glsl/lib/gemm_tile.glsl`.
 const TILE_ROWS: usize = 16;
-/// Lane-blocks per tile, best first: 96 accumulators are the fastest measured, smaller tiles serve other widths.
-const BLOCKS: [usize; 5] = [6, 8, 4, 2, 1];
+/// Lane-blocks per tile, best first: the widest loop that a processor's cache of decoded instructions still holds.
+const BLOCKS: [usize; 5] = [8, 6, 4, 2, 1];
 /// Columns of C that one workgroup of the tile kernels computes.
 const TILE_COLUMNS: usize = 64;
 /// Invocations of such a workgroup along its rows.
@@ -61,14 +61,14 @@ impl<'a> Product<'a> {
 /// in `a` [rows, k] · `weight` [n, k] packed · `bias` [n] · residual or pre-activation [rows, n] · out `c` [rows, n] (=);
 /// n and k are the padded sizes of [`PackedWeight`]
 /// # Equation: s = A Wᵀ + bias, then [`Epilogue`]
-/// # Determinism: bitwise; every element is one sum in the order of k, with [`Precision::Half`] in the device's
+/// # Determinism: bitwise; every element is one sum in the order of k, with 16-bit floats in one that the device fixes
 /// # Cost
 /// 2·rows·n·k operations. Lanes load (1/48 + 1/16) texels per four products. Tiles of r×64 read 4·rows·n·k·(1/64 + 1/r)
 /// bytes of memory or cache, r = 64 or 32, and 16/r + 1/4 texels of shared memory per 32 products of an invocation.
+/// Cooperative matrices read rows·n·k·(4/64 + 2/64) bytes.
 ///
 /// # Errors
-/// [`KernelError::Shape`] before anything is recorded; [`KernelError::Unsuitable`] for a weight of [`Precision::Half`] on a
-/// device without cooperative matrices.
+/// [`KernelError::Shape`] before anything is recorded.
 pub fn forward(rec: &mut Recorder, product: &Product, c: &mut Buffer<f32>) -> Result<(), KernelError> {
     let Product { a, rows, weight, bias, epilogue } = *product;
     let (n, k) = (weight.n(), weight.k());
@@ -89,10 +89,12 @@ pub fn forward(rec: &mut Recorder, product: &Product, c: &mut Buffer<f32>) -> Re
         return Ok(());
     }
     let operands = Operands { a, weight, bias, aux, mode, activation };
-    match (weight.precision(), rec.family()) {
-        (Precision::F32, KernelFamily::Lanes) => forward_lanes(rec, &operands, rows, c),
-        (Precision::F32, KernelFamily::Tiles) => forward_tiles(rec, &operands, rows, c),
-        (Precision::Half, _) => forward_coop(rec, &operands, rows, c),
+    match (&weight.elements, rec.family()) {
+        (Elements::F32(w), KernelFamily::Lanes) => lanes_f32(rec, &operands, w, rows, c),
+        (Elements::F32(w), KernelFamily::Tiles) => forward_tiles(rec, &operands, w, rows, c),
+        // Codes are for processors; other devices run the same program.
+        (Elements::Fixed16 { codes, scale }, _) => lanes_fixed16(rec, &operands, (codes, scale), rows, c),
+        (Elements::Half(w), _) => forward_coop(rec, &operands, w, rows, c),
     }
 }
 
@@ -106,28 +108,64 @@ struct Operands<'a> {
     activation: Activation,
 }
 
-fn forward_lanes(rec: &mut Recorder, operands: &Operands, rows: usize, c: &mut Buffer<f32>) -> Result<(), KernelError> {
-    let Operands { a, weight, bias, aux, mode, activation } = *operands;
-    let (n, k) = (weight.n(), weight.k());
+/// Lane-blocks of a tile of the lane kernels, and the workgroups that cover C.
+fn lane_tiling(rows: usize, n: usize) -> (i32, Grid) {
     let blocks = BLOCKS.into_iter().find(|b| (n / LANES).is_multiple_of(*b)).unwrap_or(1);
-    let spec = matmul_fwd::Spec { blocks: as_i32(blocks), mode, activation: activation.code() };
-    let params = matmul_fwd::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
-    let grid = Grid::groups(as_u32(rows.div_ceil(TILE_ROWS)), as_u32(n / LANES / blocks), 1);
-    let bind = matmul_fwd::Bind { a_tex: a, w_tex: &weight.packed, bias, aux_tex: aux, c };
+    (as_i32(blocks), Grid::groups(as_u32(rows.div_ceil(TILE_ROWS)), as_u32(n / LANES / blocks), 1))
+}
+
+fn lanes_f32(
+    rec: &mut Recorder,
+    operands: &Operands,
+    w: &Buffer<f32>,
+    rows: usize,
+    c: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let Operands { a, weight, bias, aux, mode, activation } = *operands;
+    let (blocks, grid) = lane_tiling(rows, weight.n());
+    let spec = matmul_fwd::Spec { blocks, mode, activation: activation.code() };
+    let params = matmul_fwd::Params { m: as_i32(rows), n: as_i32(weight.n()), k: as_i32(weight.k()) };
+    rec.dispatch_spec(matmul_fwd::Bind { a_tex: a, w_tex: w, bias, aux_tex: aux, c }, params, spec, grid)
+}
+
+fn lanes_fixed16(
+    rec: &mut Recorder,
+    operands: &Operands,
+    (codes, scale): (&Buffer<u32>, &Buffer<f32>),
+    rows: usize,
+    c: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let Operands { a, weight, bias, aux, mode, activation } = *operands;
+    let (blocks, grid) = lane_tiling(rows, weight.n());
+    let spec = matmul_fwd_fixed16::Spec { blocks, mode, activation: activation.code() };
+    let params = matmul_fwd_fixed16::Params { m: as_i32(rows), n: as_i32(weight.n()), k: as_i32(weight.k()) };
+    let bind = matmul_fwd_fixed16::Bind { a_tex: a, w_tex: codes, bias, aux_tex: aux, c, scale };
     rec.dispatch_spec(bind, params, spec, grid)
 }
 
-fn forward_tiles(rec: &mut Recorder, operands: &Operands, rows: usize, c: &mut Buffer<f32>) -> Result<(), KernelError> {
+fn forward_tiles(
+    rec: &mut Recorder,
+    operands: &Operands,
+    w: &Buffer<f32>,
+    rows: usize,
+    c: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
     let Operands { a, weight, bias, aux, mode, activation } = *operands;
     let (n, k) = (weight.n(), weight.k());
     let (per_thread, grid) = tiling(rows, n);
     let spec = matmul_fwd_tile::Spec { rows: as_i32(per_thread), mode, activation: activation.code() };
     let params = matmul_fwd_tile::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
-    let bind = matmul_fwd_tile::Bind { a, w: &weight.packed, bias, aux, c };
+    let bind = matmul_fwd_tile::Bind { a, w, bias, aux, c };
     rec.dispatch_spec(bind, params, spec, grid)
 }
 
-fn forward_coop(rec: &mut Recorder, operands: &Operands, rows: usize, c: &mut Buffer<f32>) -> Result<(), KernelError> {
+fn forward_coop(
+    rec: &mut Recorder,
+    operands: &Operands,
+    w: &Buffer<u32>,
+    rows: usize,
+    c: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
     let Operands { a, weight, bias, aux, mode, activation } = *operands;
     let (n, k) = (weight.n(), weight.k());
     let cooperation = rec.cooperation()?;
@@ -142,7 +180,7 @@ fn forward_coop(rec: &mut Recorder, operands: &Operands, rows: usize, c: &mut Bu
     };
     let params = matmul_fwd_coop::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
     let grid = Grid::groups(as_u32(rows).div_ceil(COOP_TILE), as_u32(n).div_ceil(COOP_TILE), 1);
-    rec.dispatch_spec(matmul_fwd_coop::Bind { a, w: &weight.packed, bias, aux, c }, params, spec, grid)
+    rec.dispatch_spec(matmul_fwd_coop::Bind { a, w, bias, aux, c }, params, spec, grid)
 }
 
 /// Rows per invocation of the tile kernels for a result `[rows, columns]`, and the workgroups that cover it.

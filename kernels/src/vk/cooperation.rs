@@ -1,10 +1,10 @@
 //! Cooperative matrices: whether a device has the kind that the `_coop` kernels are written for, and when they run.
 
-use std::str::FromStr;
-
 use ash::vk;
 
-use super::device::Instance;
+use super::device::{Device, DeviceInfo, Instance};
+use super::recorder::Recorder;
+use crate::error::KernelError;
 
 /// Rows and columns of the tile of one workgroup: `TILE` of the `_coop` shaders.
 pub(crate) const TILE: u32 = 64;
@@ -14,38 +14,6 @@ const GROUP: u32 = 128;
 const DEPTH: u32 = 32;
 /// Elements of the results that do so: `PATCH` of the `_coop` shaders.
 const PATCH: u32 = 1024;
-
-/// What the factors of large matrix products are rounded to. Their sums are 32 bits wide always.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Precision {
-    /// Not rounded.
-    #[default]
-    F32,
-    /// To 16-bit floats, for devices with cooperative matrices: other results, up to 2⁻¹¹ off in each factor, and infinite
-    /// beyond 65,504.
-    Half,
-}
-
-impl std::fmt::Display for Precision {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::F32 => "f32",
-            Self::Half => "f16",
-        })
-    }
-}
-
-impl FromStr for Precision {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "f32" => Ok(Self::F32),
-            "f16" => Ok(Self::Half),
-            _ => Err(format!("`{text}`: expected f32 or f16")),
-        }
-    }
-}
 
 /// The matrices that a subgroup multiplies: f16 `[m, k]` by f16 `[k, n]`, added to f32 `[m, n]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,6 +50,35 @@ impl Cooperation {
     }
 }
 
+impl DeviceInfo {
+    /// How its subgroups multiply matrices of 16-bit floats.
+    fn needed_cooperation(&self) -> Result<Cooperation, KernelError> {
+        self.cooperation.ok_or_else(|| KernelError::Unsuitable {
+            device: self.name.clone(),
+            what: "cooperative matrices of 16-bit floats with 32-bit sums (VK_KHR_cooperative_matrix), which precision f16 \
+                   needs"
+                .to_owned(),
+        })
+    }
+}
+
+impl Device {
+    /// How its subgroups multiply matrices of 16-bit floats.
+    ///
+    /// # Errors
+    /// [`KernelError::Unsuitable`] when they do not.
+    pub fn cooperation(&self) -> Result<Cooperation, KernelError> {
+        self.info().needed_cooperation()
+    }
+}
+
+impl Recorder {
+    /// As [`Device::cooperation`].
+    pub(crate) fn cooperation(&self) -> Result<Cooperation, KernelError> {
+        self.info().needed_cooperation()
+    }
+}
+
 impl Instance {
     /// What the device has of use for the `_coop` kernels. `None` too where it lacks what else these need: 16-bit floats in
     /// arithmetic, and the Vulkan memory model.
@@ -99,7 +96,10 @@ impl Instance {
             self.raw.get_physical_device_features2(device, &mut features);
             self.raw.get_physical_device_properties2(device, &mut properties);
         }
-        let enough = [matrices.cooperative_matrix, core.shader_float16, core.vulkan_memory_model] == [vk::TRUE; 3]
+        // With that model other kernels' atomics, which name no scope, need its device scope.
+        let model = [core.vulkan_memory_model, core.vulkan_memory_model_device_scope];
+        let enough = [matrices.cooperative_matrix, core.shader_float16] == [vk::TRUE; 2]
+            && model == [vk::TRUE; 2]
             && stages.cooperative_matrix_supported_stages.contains(vk::ShaderStageFlags::COMPUTE);
         if !enough {
             return None;

@@ -7,7 +7,7 @@ use ash::vk;
 use ash::vk::Handle;
 
 use super::buffer::BufferInner;
-use super::cooperation::{Cooperation, Precision};
+use super::cooperation::Cooperation;
 use super::family::{FamilySelect, KernelFamily};
 use super::memory::{Arena, Memory};
 use super::pipeline::PipelineCache;
@@ -72,18 +72,10 @@ pub struct DeviceInfo {
     pub has_shuffles: bool,
     /// Whether loads out of range give zeros.
     pub has_robust_loads: bool,
-    /// The cooperative matrices that [`Precision::Half`] takes.
+    /// The cooperative matrices that [`Half`](crate::nn::pack::Precision::Half) takes.
     pub cooperation: Option<Cooperation>,
     /// Nanoseconds per timestamp tick.
     pub timestamp_period_ns: f32,
-}
-
-impl DeviceInfo {
-    /// The precisions that it can be opened with.
-    #[must_use]
-    pub fn precisions(&self) -> &'static [Precision] {
-        if self.cooperation.is_some() { &[Precision::F32, Precision::Half] } else { &[Precision::F32] }
-    }
 }
 
 /// Device memory in buffers.
@@ -119,8 +111,6 @@ pub struct DeviceOptions {
     pub host_access: HostAccess,
     /// Which kernels it runs.
     pub kernels: FamilySelect,
-    /// How exact CLIP's matrix products are; all others are [`Precision::F32`].
-    pub precision: Precision,
 }
 
 /// An open Vulkan device; cheap to clone.
@@ -142,7 +132,6 @@ pub(super) struct DeviceInner {
     pub(super) info: DeviceInfo,
     pub(super) host_access: HostAccess,
     pub(super) family: KernelFamily,
-    precision: Precision,
     pub(super) queue_family: u32,
     pub(super) pipelines: PipelineCache,
     pub(super) slots: Mutex<Vec<Slot>>,
@@ -316,9 +305,6 @@ impl Device {
         let chosen = select.choose(&infos)?;
         let (physical, info) = (handles[chosen], infos[chosen].clone());
         let family = options.kernels.choose(&info)?;
-        if !info.precisions().contains(&options.precision) {
-            return Err(lacks_matrices(&info));
-        }
         let queue_family = instance.compute_family(physical, &info)?;
         let raw = instance.create_device(physical, &info, queue_family)?;
         // SAFETY: the family was requested with one queue.
@@ -331,7 +317,6 @@ impl Device {
             info,
             host_access: options.host_access,
             family,
-            precision: options.precision,
             queue_family,
             pipelines: PipelineCache::new(family),
             slots: Mutex::default(),
@@ -353,12 +338,6 @@ impl Device {
     #[must_use]
     pub fn family(&self) -> KernelFamily {
         self.inner.family
-    }
-
-    /// How exact CLIP's matrix products are to be.
-    #[must_use]
-    pub fn precision(&self) -> Precision {
-        self.inner.precision
     }
 
     /// Device memory in buffers: now, at the peak, and how often some was taken.
@@ -442,7 +421,10 @@ impl Instance {
             wanted.iter().filter_map(|(want, name)| want.then_some(name.as_ptr())).collect();
         let mut robustness = vk::PhysicalDeviceRobustness2FeaturesEXT::default().robust_buffer_access2(true);
         let mut cooperation = vk::PhysicalDeviceCooperativeMatrixFeaturesKHR::default().cooperative_matrix(true);
-        let mut core = vk::PhysicalDeviceVulkan12Features::default().shader_float16(true).vulkan_memory_model(true);
+        let mut core = vk::PhysicalDeviceVulkan12Features::default()
+            .shader_float16(true)
+            .vulkan_memory_model(true)
+            .vulkan_memory_model_device_scope(true);
         let features = vk::PhysicalDeviceFeatures::default().robust_buffer_access(true);
         let mut info = vk::DeviceCreateInfo::default()
             .queue_create_infos(&queues)
@@ -456,17 +438,6 @@ impl Instance {
         }
         // SAFETY: every pointer in `info` outlives the call; the features were offered.
         check("vkCreateDevice", unsafe { self.raw.create_device(physical, &info, None) })
-    }
-}
-
-/// The error of products in 16-bit floats on a device that has no means for them.
-pub(super) fn lacks_matrices(info: &DeviceInfo) -> KernelError {
-    KernelError::Unsuitable {
-        device: info.name.clone(),
-        what:
-            "cooperative matrices of 16-bit floats with 32-bit sums (VK_KHR_cooperative_matrix), which precision f16 \
-               needs; f32 runs on it"
-                .to_owned(),
     }
 }
 

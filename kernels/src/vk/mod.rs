@@ -13,8 +13,8 @@ mod select;
 
 pub use assignment::Assignment;
 pub use buffer::{Buffer, Element};
+pub use cooperation::Cooperation;
 pub(crate) use cooperation::TILE as COOP_TILE;
-pub use cooperation::{Cooperation, Precision};
 pub use debug::take_validation_errors;
 pub use device::{Device, DeviceInfo, DeviceKind, DeviceOptions, HostAccess, MemoryUse};
 pub use family::{FamilySelect, KernelFamily};

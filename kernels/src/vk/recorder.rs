@@ -8,8 +8,7 @@ use ash::vk;
 
 use super::buffer::{Buffer, BufferInner, Element};
 use super::check;
-use super::cooperation::Cooperation;
-use super::device::{Device, DeviceInner, lacks_matrices};
+use super::device::{Device, DeviceInfo, DeviceInner};
 use super::family::KernelFamily;
 use super::pipeline::{KernelDef, Pipeline};
 use crate::error::KernelError;
@@ -229,12 +228,8 @@ impl Recorder {
         self.device.family
     }
 
-    /// How the device's subgroups multiply matrices of 16-bit floats.
-    ///
-    /// # Errors
-    /// [`KernelError::Unsuitable`] when they do not.
-    pub(crate) fn cooperation(&self) -> Result<Cooperation, KernelError> {
-        self.device.info.cooperation.ok_or_else(|| lacks_matrices(&self.device.info))
+    pub(super) fn info(&self) -> &DeviceInfo {
+        &self.device.info
     }
 
     /// Records a kernel without specialisation constants.

@@ -32,8 +32,13 @@ fn gpu_equals_the_twin() {
             forward(rec, x, y)?;
             backward(rec, x, v_y, v_x)
         });
-        let same = |got: &[f32], want: &[f32]| got.iter().zip(want).all(|(g, w)| g == w || g.is_nan() && w.is_nan());
+        // A driver may take denormals for zeros, and either for the other on its way out.
+        let tiny = |v: f32| v.abs() < f32::MIN_POSITIVE;
+        let equal = |g: f32, w: f32| g == w || g.is_nan() && w.is_nan() || tiny(g) && tiny(w);
+        let same = |got: &[f32], want: &[f32]| got.iter().zip(want).all(|(g, w)| equal(*g, *w));
+        let flushed: Vec<f32> = data.iter().map(|v| if tiny(*v) { 0.0 } else { *v }).collect();
         assert!(same(&y, &twin::forward(&data)), "forward of {data:?}: {y:?}");
-        assert!(same(&v_x, &twin::backward(&data, &v_data)), "backward of {data:?}: {v_x:?}");
+        let wants = [&data, &flushed].map(|x| twin::backward(x, &v_data));
+        assert!(wants.iter().any(|want| same(&v_x, want)), "backward of {data:?}: {v_x:?}");
     }
 }

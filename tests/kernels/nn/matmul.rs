@@ -1,10 +1,11 @@
 //! nn/matmul
 
+use guard4d_kernels::KernelError;
 use guard4d_kernels::nn::activation::Activation;
 use guard4d_kernels::nn::matmul::{Epilogue, GradScratch, Product, forward, weight_gradient};
-use guard4d_kernels::nn::pack::PackedWeight;
+use guard4d_kernels::nn::pack::{PackedWeight, Precision};
 use guard4d_kernels::reference::nn::matmul as twin;
-use guard4d_kernels::{KernelError, Precision};
+use guard4d_kernels::reference::nn::pack as pack_twin;
 
 use super::{dot, run, unwritten, upload};
 use crate::support::close::assert_close;
@@ -70,6 +71,56 @@ fn gpu_follows_the_twin() {
     }
 }
 
+#[test]
+fn sixteen_bit_weights_follow_the_rounded_twin() {
+    let Some(gpu) = device() else { return };
+    for (rows, n, k) in SHAPES.into_iter().filter(|(_, n, _)| n % 16 == 0) {
+        let mut random = Random((rows + n * k) as u64);
+        let a = random.vec_f32(rows * k, -1.0, 1.0);
+        // Rows of very different sizes, each with its own scale; one of zeros has none.
+        let sizes = [1.0, 1e-3, 1e3, 0.0];
+        let w: Vec<f32> =
+            random.vec_f32(n * k, -1.0, 1.0).iter().enumerate().map(|(i, v)| v * sizes[i / k % 4]).collect();
+        let bias = random.vec_f32(n, -1.0, 1.0);
+        let weight = PackedWeight::in_precision(&gpu, "w", &w, (n, k), Precision::Fixed16).expect("packs");
+        let (a_buffer, bias_buffer) = (upload(&gpu, &a), upload(&gpu, &bias));
+        let mut c = unwritten(&gpu, rows * n);
+        let product = Product { bias: Some(&bias_buffer), ..Product::plain(&a_buffer, rows, &weight) };
+        run(&gpu, |rec| forward(rec, &product, &mut c));
+        let identity = twin::Epilogue::Activate(Activation::Identity);
+        let c = c.read().expect("read");
+        let rounded = twin::forward(&a, &pack_twin::fixed16(&w, k), &bias, k, identity);
+        let exact = twin::forward(&a, &w, &bias, k, identity);
+        for (i, ((c, rounded), exact)) in c.iter().zip(&rounded).zip(&exact).enumerate() {
+            let size = sizes[i % n % 4];
+            // The codes are summed before they are scaled: k rounding errors of at most 2^-24 of k terms below `size`.
+            let rounding = 2e-7 * (k as f32) * (size + 1.0);
+            assert!((c - rounded).abs() <= rounding, "{i}: {c} for {rounded} in {rows}x{n}x{k}");
+            // An element is off by half a code, that is size / 65534, and |a| <= 1.
+            let off = (k as f32) * size / 65_534.0 + rounding;
+            assert!((c - exact).abs() <= off, "{i}: {c} for {exact} in {rows}x{n}x{k}");
+        }
+    }
+}
+
+#[test]
+fn sixteen_bit_weights_pass_poison_on() {
+    let Some(gpu) = device() else { return };
+    let (n, k) = (16, 8);
+    for poison in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let mut w = Random(8).vec_f32(n * k, -1.0, 1.0);
+        w[3 * k + 5] = poison;
+        let weight = PackedWeight::in_precision(&gpu, "w", &w, (n, k), Precision::Fixed16).expect("packs");
+        let a = upload(&gpu, &vec![1.0; k]);
+        let mut c = unwritten(&gpu, n);
+        run(&gpu, |rec| forward(rec, &Product::plain(&a, 1, &weight), &mut c));
+        let finite: Vec<bool> = c.read().expect("read").iter().map(|v| v.is_finite()).collect();
+        assert_eq!(finite, (0..n).map(|row| row != 3).collect::<Vec<_>>(), "row 3 alone, for {poison}");
+    }
+    let odd = PackedWeight::in_precision(&gpu, "w", &[1.0; 64], (8, 8), Precision::Fixed16);
+    assert!(matches!(odd, Err(KernelError::Shape { .. })), "lane-blocks come in pairs: {odd:?}");
+}
+
 /// The operands as cooperative matrices take them.
 fn rounded(x: &[f32]) -> Vec<f32> {
     x.iter().map(|v| half::f16::from_f32(*v).to_f32()).collect()
@@ -82,7 +133,7 @@ fn half_precision_follows_the_twin_on_rounded_operands() {
         let mut random = Random((rows * n * k) as u64);
         let (a, w) = (random.vec_f32(rows * k, -1.0, 1.0), random.vec_f32(n * k, -1.0, 1.0));
         let (bias, aux) = (random.vec_f32(n, -1.0, 1.0), random.vec_f32(rows * n, -1.0, 1.0));
-        let weight = PackedWeight::new(&gpu, "w", &w, n, k).expect("packs").with_precision(Precision::Half);
+        let weight = PackedWeight::in_precision(&gpu, "w", &w, (n, k), Precision::Half).expect("packs");
         let (a_buffer, bias_buffer, aux_buffer) = (upload(&gpu, &a), upload(&gpu, &bias), upload(&gpu, &aux));
         let cases = [
             (Epilogue::Activate(Activation::Relu), twin::Epilogue::Activate(Activation::Relu)),
@@ -107,8 +158,8 @@ fn poison_in_half_precision_stays_in_its_row_or_column() {
     let (rows, n, k) = (70, 72, 40);
     let clean = Random(8).vec_f32(rows * k + n * k, -1.0, 1.0);
     let on_gpu = |data: &[f32]| {
-        let weight = PackedWeight::new(&gpu, "w", &data[rows * k..], n, k).expect("packs");
-        let (weight, a) = (weight.with_precision(Precision::Half), upload(&gpu, &data[..rows * k]));
+        let weight = PackedWeight::in_precision(&gpu, "w", &data[rows * k..], (n, k), Precision::Half).expect("packs");
+        let a = upload(&gpu, &data[..rows * k]);
         let mut c = unwritten(&gpu, rows * n);
         run(&gpu, |rec| forward(rec, &Product::plain(&a, rows, &weight), &mut c));
         c.read().expect("read")

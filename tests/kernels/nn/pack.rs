@@ -2,7 +2,7 @@
 
 use guard4d_kernels::KernelError;
 use guard4d_kernels::nn::matmul::{Product, forward};
-use guard4d_kernels::nn::pack::{Order, PackedWeight, gather};
+use guard4d_kernels::nn::pack::{Order, PackedWeight, Precision, gather};
 use guard4d_kernels::reference::nn::pack as twin;
 
 use super::{run, unwritten, upload};
@@ -41,7 +41,7 @@ fn host_and_device_packing_agree_in_both_orders() {
                 assert_eq!(host[col * n.next_multiple_of(8) + row], w[row * k + col], "W({row}, {col})");
             }
         }
-        let transposed = PackedWeight::transposed(&gpu, "w", &w_t, n, k).expect("packs");
+        let transposed = PackedWeight::transposed(&gpu, "w", &w_t, (n, k), Precision::F32).expect("packs");
         assert_eq!(unpacked(&gpu, &transposed), host, "transposed on the host");
         for (source, order) in [(&w, Order::Rows { stride: k }), (&w_t, Order::Columns { stride: n })] {
             let mut packed = PackedWeight::zeros(&gpu, "w", n, k).expect("buffer");
@@ -59,7 +59,7 @@ fn both_packers_place_every_bit_as_the_twin_does() {
     let (n, k) = (9, 5);
     let clean = Random(2).vec_f32(n * k, -1.0, 1.0);
     let on_host = |w: &[f32]| twin::rows(w, n, k);
-    let packed = |weight: &PackedWeight| weight.packed().read().expect("read");
+    let packed = |weight: &PackedWeight| weight.packed().expect("floats").read().expect("read");
     let by_host = |w: &[f32]| packed(&PackedWeight::new(&gpu, "w", w, n, k).expect("packs"));
     let by_device = |w: &[f32]| {
         let mut weight = PackedWeight::zeros(&gpu, "w", n, k).expect("buffer");
@@ -93,6 +93,9 @@ fn short_sources_are_refused_and_empty_is_fine() {
     let mut rec = gpu.recorder().expect("recorder");
     let wrong = gather(&mut rec, &source, Order::Rows { stride: 4 }, &mut packed);
     assert!(matches!(wrong, Err(KernelError::Shape { buffer: "src", .. })), "{wrong:?}");
+    let mut codes = PackedWeight::in_precision(&gpu, "w", &[0.0; 64], (16, 4), Precision::Fixed16).expect("packs");
+    let refused = gather(&mut rec, &upload(&gpu, &[0.0; 64]), Order::Rows { stride: 4 }, &mut codes);
+    assert!(matches!(refused, Err(KernelError::Shape { buffer: "out", .. })), "no packing into codes: {refused:?}");
     let mut none = PackedWeight::zeros(&gpu, "w", 0, 4).expect("buffer");
     run(&gpu, |rec| gather(rec, &source, Order::Rows { stride: 4 }, &mut none));
 }

@@ -20,6 +20,7 @@ impl Embedding<'_> {
         let settings = serde_json::to_string(&self.config).expect("numbers and words are valid JSON");
         let mut hasher = blake3::Hasher::new();
         hasher.update(settings.as_bytes());
+        hasher.update(self.subject.clip.precision().name().as_bytes());
         hasher.update(self.subject.key.prf().key_id().to_string().as_bytes());
         hasher.update(self.subject.message.commitment(&self.subject.key.prf()).to_string().as_bytes());
         hasher.update(bytemuck::cast_slice(&self.subject.model.gaussians.sh_coeffs));

@@ -18,3 +18,14 @@ pub fn rows<R: Real>(w: &[R], n: usize, k: usize) -> Vec<R> {
     }
     packed
 }
+
+/// `w` `[n, k]` rounded to 16-bit codes with a scale per row, as floats again.
+pub fn fixed16(w: &[f32], k: usize) -> Vec<f32> {
+    let mut rounded = Vec::new();
+    for row in w.chunks_exact(k) {
+        let largest = row.iter().fold(0.0f32, |a, b| a.max(b.abs()));
+        let unit = if largest > 0.0 { largest / 32_767.0 } else { 1.0 };
+        rounded.extend(row.iter().map(|v| (v / unit).round() * unit));
+    }
+    rounded
+}
