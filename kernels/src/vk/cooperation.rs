@@ -83,7 +83,8 @@ impl Instance {
     /// What the device has of use for the `_coop` kernels. `None` too where it lacks what else these need: 16-bit floats in
     /// arithmetic, and the Vulkan memory model.
     pub(super) fn cooperation(&self, device: vk::PhysicalDevice, subgroup_size: u32) -> Option<Cooperation> {
-        if !self.has_extension(device, ash::khr::cooperative_matrix::NAME) {
+        // A compiler that does not know the extension leaves nothing to run.
+        if cfg!(without_cooperative_matrices) || !self.has_extension(device, ash::khr::cooperative_matrix::NAME) {
             return None;
         }
         let mut matrices = vk::PhysicalDeviceCooperativeMatrixFeaturesKHR::default();
