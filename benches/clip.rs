@@ -20,11 +20,17 @@ const LARGE: &str = "ViT-B/32";
 const SEED: u64 = 1;
 
 pub(crate) fn measure(bench: &mut Bench) -> Outcome {
-    for precision in [Precision::F32, Precision::Fixed16] {
+    for precision in precisions(bench) {
         tower(bench, ("mini", MINI_IMAGES), precision, |device| Clip::load(device, &ClipSource::Mini))?;
         tower(bench, (LARGE, LARGE_IMAGES), precision, random)?;
     }
     Ok(())
+}
+
+/// All that the device can do.
+fn precisions(bench: &Bench) -> Vec<Precision> {
+    let half = bench.device.info().cooperation.map(|_| Precision::Half);
+    [Precision::F32, Precision::Fixed16].into_iter().chain(half).collect()
 }
 
 /// A checkpoint with the image tower of ViT-B/32, whose sizes are the defaults, and hardly any text tower. Random weights
@@ -69,6 +75,7 @@ fn tower(
     let kept = match precision {
         Precision::F32 => "",
         Precision::Fixed16 => ", 16-bit weights",
+        Precision::Half => ", f16",
     };
     let name = |way| format!("clip/{label} {way} {images} images{kept}");
     let [forward, both] = ["forward", "forward and backward"].map(name);

@@ -7,7 +7,7 @@ use cpu_time::ProcessTime;
 use criterion::Criterion;
 use guard4d_engine::EngineError;
 use guard4d_engine::watermark::embed::StepPart;
-use guard4d_kernels::vk::DeviceKind;
+use guard4d_kernels::vk::{DeviceKind, KernelDef};
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
 
 use crate::probe::PROBES;
@@ -171,7 +171,9 @@ impl Bench {
 
     /// Kernels of the registry that no row ran, so that none is forgotten; nobody can tell after a part only.
     pub(crate) fn unmeasured(&self) -> Vec<&'static str> {
-        let all = guard4d_kernels::registry::ALL.iter().map(|kernel| kernel.name);
+        let info = self.device.info();
+        let runs = |kernel: &&&KernelDef| kernel.runs_on(self.device.family(), info);
+        let all = guard4d_kernels::registry::ALL.iter().filter(runs).map(|kernel| kernel.name);
         all.filter(|name| !self.is_partial() && !self.kernels.contains(name)).collect()
     }
 

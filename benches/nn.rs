@@ -53,6 +53,12 @@ fn product(bench: &mut Bench) -> Outcome {
         bench.passes(&format!("nn/matmul {m}x{k}x{n}, 16-bit weights"), work, |rec| {
             matmul::forward(rec, &Product::plain(&a, m, &codes), &mut c)
         })?;
+        if bench.device.info().cooperation.is_some() {
+            let half = PackedWeight::in_precision(&bench.device, "w", &vec![0.01; n * k], (n, k), Precision::Half)?;
+            bench.passes(&format!("nn/matmul {m}x{k}x{n}, f16"), work, |rec| {
+                matmul::forward(rec, &Product::plain(&a, m, &half), &mut c)
+            })?;
+        }
     }
     let (n, k) = (2304, 768);
     let (a, c) = (bench.data("a", m * k)?, bench.data("c", m * n)?);

@@ -44,9 +44,11 @@ pub(crate) struct Common {
     /// `auto` takes lanes on a processor whose driver can run them, tiles elsewhere. Both compute the same up to rounding.
     #[arg(long, global = true, default_value = "auto", env = "GUARD4D_KERNELS")]
     pub(crate) kernels: FamilySelect,
-    /// How the matrices of CLIP's image tower are kept: f32, or fixed16, which takes half the memory and is faster
+    /// How the matrices of CLIP's image tower are kept: f32, or fixed16 or f16, which take half the memory and are faster
     ///
-    /// An element of a 16-bit row is off by at most 2⁻¹⁶ of the row's largest. Keys do not depend on it.
+    /// An element of a fixed16 row is off by at most 2⁻¹⁶ of the row's largest. f16 is for GPUs with cooperative matrices
+    /// (`guard4d devices` says which): all factors of a product are off by up to 2⁻¹¹ of themselves. Keys do not depend on
+    /// either.
     #[arg(long, global = true, default_value_t, value_name = "PRECISION")]
     pub(crate) precision: Precision,
     /// Most device memory to take, such as 512MiB or 4GB; `embed` then keeps fewer clips at hand, to the same result

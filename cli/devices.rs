@@ -19,6 +19,8 @@ struct Row {
     subgroup_size: u32,
     /// The kernels that it would run with the `--kernels` given; nothing when it cannot run those.
     kernels: Option<String>,
+    /// Whether it can do `--precision f16`.
+    f16: bool,
     /// Whether commands run on it with the `--device` given.
     selected: bool,
 }
@@ -51,6 +53,7 @@ pub(crate) fn run(common: &Common) -> Result<Outcome, EngineError> {
         .map(|(index, d)| Row {
             index,
             kernels: common.kernels.choose(&d).ok().map(|family| family.to_string()),
+            f16: d.cooperation.is_some(),
             kind: format!("{:?}", d.kind).to_lowercase(),
             name: d.name,
             driver: d.driver,
@@ -65,8 +68,9 @@ pub(crate) fn run(common: &Common) -> Result<Outcome, EngineError> {
             let pci = r.pci.as_deref().unwrap_or("-");
             let mark = if r.selected { '*' } else { ' ' };
             let kernels = r.kernels.as_deref().unwrap_or("-");
+            let f16 = if r.f16 { "yes" } else { "no" };
             format!(
-                "{mark} {}  {}  ({}, {})\n     uuid:{}  pci:{pci}  kernels:{kernels}",
+                "{mark} {}  {}  ({}, {})\n     uuid:{}  pci:{pci}  kernels:{kernels}  f16:{f16}",
                 r.index, r.name, r.kind, r.driver, r.uuid
             )
         };

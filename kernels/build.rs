@@ -21,6 +21,13 @@ const TILE_SUFFIX: &str = "_tile";
 /// Ends the name of a shader over cooperative matrices.
 const COOP_SUFFIX: &str = "_coop";
 
+/// The extension that such a shader needs, as a compiler that does not know it says.
+const COOP_EXTENSION: &str = "GL_KHR_cooperative_matrix";
+/// What such a shader sees defined where the compiler does not know the extension.
+const INTERFACE_ONLY: &str = "INTERFACE_ONLY";
+/// The `cfg` of a crate that was built so.
+const WITHOUT_COOP: &str = "without_cooperative_matrices";
+
 /// A kernel and the names of its SPIR-V files in `OUT_DIR`, for each family that it has a program of.
 pub(crate) struct Programs {
     /// The interface, the same in all programs.
@@ -29,6 +36,8 @@ pub(crate) struct Programs {
     pub lanes: Option<String>,
     /// For `KernelFamily::Tiles`.
     pub tiles: Option<String>,
+    /// Whether it needs cooperative matrices.
+    pub is_coop: bool,
 }
 
 /// One source file together with the defines of one variant of it.
@@ -46,6 +55,7 @@ fn main() {
     println!("cargo:rerun-if-changed={}", glsl.display());
     println!("cargo:rerun-if-changed=build");
     println!("cargo:rerun-if-changed=build.rs");
+    println!("cargo:rustc-check-cfg=cfg({WITHOUT_COOP})");
 
     let units = units(&glsl);
     let names: Vec<_> = units.iter().map(|unit| unit.name.clone()).collect();
@@ -72,21 +82,36 @@ fn programs(unit: Unit, has_tile: bool, out: &Path) -> Programs {
     if unit.name.ends_with(TILE_SUFFIX) {
         let (tiles, spv) = compiled(&unit, "tiles");
         reflect::check_tiles(&tiles).unwrap_or_else(refuse);
-        return Programs { kernel: tiles.kernel, lanes: None, tiles: spv };
+        return Programs { kernel: tiles.kernel, lanes: None, tiles: spv, is_coop: false };
     }
     if unit.name.ends_with(COOP_SUFFIX) {
+        let unit = known_to_the_compiler(&unit);
         let (coop, spv) = compiled(&unit, "coop");
         reflect::check_coop(&coop).unwrap_or_else(refuse);
-        return Programs { kernel: coop.kernel, lanes: spv.clone(), tiles: spv };
+        return Programs { kernel: coop.kernel, lanes: spv.clone(), tiles: spv, is_coop: true };
     }
     let (lanes, lanes_spv) = compiled(&unit, "lanes");
     if has_tile {
-        return Programs { kernel: lanes.kernel, lanes: lanes_spv, tiles: None };
+        return Programs { kernel: lanes.kernel, lanes: lanes_spv, tiles: None, is_coop: false };
     }
     let portable = Unit { source: with_defines(&unit.source, &[TILES.to_owned()]), name: unit.name.clone() };
     let (tiles, tiles_spv) = compiled(&portable, "tiles");
     reflect::check_tiles(&tiles).and_then(|()| reflect::check_exchangeable(&lanes, &tiles)).unwrap_or_else(refuse);
-    Programs { kernel: lanes.kernel, lanes: lanes_spv, tiles: tiles_spv }
+    Programs { kernel: lanes.kernel, lanes: lanes_spv, tiles: tiles_spv, is_coop: false }
+}
+
+/// The unit, or its interface where the compiler is older than cooperative matrices, as the shaderc of many systems is. The
+/// crate then takes no device to have any (`kernels/src/vk/cooperation.rs`).
+fn known_to_the_compiler(unit: &Unit) -> Unit {
+    let source = |defines: &[String]| Unit { source: with_defines(&unit.source, defines), name: unit.name.clone() };
+    let Err(log) = compile::to_spirv(unit) else { return source(&[]) };
+    assert!(
+        cfg!(feature = "shaderc") && log.contains(COOP_EXTENSION),
+        "glsl/{}.comp does not compile:\n{log}",
+        unit.name
+    );
+    println!("cargo:rustc-cfg={WITHOUT_COOP}");
+    source(&[INTERFACE_ONLY.to_owned()])
 }
 
 /// Compiles one unit into the file `spv` and reflects it.

@@ -1,14 +1,10 @@
 //! GLSL to SPIR-V 1.5 behind one function; cargo feature `shaderc` swaps the compiler.
 
-use crate::{COOP_SUFFIX, Unit};
+use crate::Unit;
 
-/// Compiles one unit for Vulkan 1.2, keeping names for reflection. Cooperative matrices are younger than the shaderc of
-/// many systems, so glslang always compiles these.
+/// Compiles one unit for Vulkan 1.2, keeping names for reflection.
+#[cfg(not(feature = "shaderc"))]
 pub(crate) fn to_spirv(unit: &Unit) -> Result<Vec<u32>, String> {
-    if cfg!(feature = "shaderc") && !unit.name.ends_with(COOP_SUFFIX) { by_shaderc(unit) } else { by_glslang(unit) }
-}
-
-fn by_glslang(unit: &Unit) -> Result<Vec<u32>, String> {
     use glslang::{
         Compiler, CompilerOptions, ShaderInput, ShaderMessage, ShaderSource, ShaderStage, SourceLanguage, SpirvVersion,
         Target, VulkanVersion,
@@ -27,13 +23,9 @@ fn by_glslang(unit: &Unit) -> Result<Vec<u32>, String> {
     shader.compile().map_err(|e| e.to_string())
 }
 
-#[cfg(not(feature = "shaderc"))]
-fn by_shaderc(unit: &Unit) -> Result<Vec<u32>, String> {
-    Err(format!("{}: built without shaderc", unit.name))
-}
-
+/// The same through shaderc.
 #[cfg(feature = "shaderc")]
-fn by_shaderc(unit: &Unit) -> Result<Vec<u32>, String> {
+pub(crate) fn to_spirv(unit: &Unit) -> Result<Vec<u32>, String> {
     let compiler = shaderc::Compiler::new().map_err(|e| e.to_string())?;
     let mut options = shaderc::CompileOptions::new().map_err(|e| e.to_string())?;
     options.set_target_env(shaderc::TargetEnv::Vulkan, shaderc::EnvVersion::Vulkan1_2 as u32);

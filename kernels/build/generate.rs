@@ -28,7 +28,7 @@ pub(crate) fn registry(kernels: &[Programs]) -> String {
     out
 }
 
-fn module(out: &mut String, stem: &str, Programs { kernel, lanes, tiles }: &Programs) {
+fn module(out: &mut String, stem: &str, Programs { kernel, lanes, tiles, is_coop }: &Programs) {
     let _ = writeln!(out, "/// `glsl/{}.comp`.\npub mod {stem} {{", kernel.name);
     params(out, kernel);
     spec(out, kernel);
@@ -43,7 +43,7 @@ fn module(out: &mut String, stem: &str, Programs { kernel, lanes, tiles }: &Prog
         out,
         "/// Reflected description.\npub static KERNEL: crate::vk::KernelDef = crate::vk::KernelDef {{ \
          name: {name:?}, lanes: {lanes}, tiles: {tiles}, bindings: &[{bindings}], \
-         params_bytes: {bytes}, spec_ids: &{ids:?}, local_size: [{x}, {y}, {z}] }};\n}}",
+         params_bytes: {bytes}, spec_ids: &{ids:?}, local_size: [{x}, {y}, {z}], is_coop: {is_coop} }};\n}}",
         name = kernel.name,
         lanes = spirv(lanes),
         tiles = spirv(tiles),

@@ -30,6 +30,7 @@ fn wrong_usage_ends_with_two() {
     guard4d(&[&"verify", &"--key", &"k", &"--receipt", &"r"]).refused(2, &["<CLIPS>..."]);
     guard4d(&[&"devices", &"--device", &"warp:drive"]).refused(2, &["warp:drive"]);
     guard4d(&[&"devices", &"--kernels", &"warps"]).refused(2, &["auto, lanes or tiles"]);
+    guard4d(&[&"devices", &"--precision", &"f8"]).refused(2, &["f32 or fixed16 or f16"]);
     guard4d(&[&"dump", &"deform", &"model", &"--time", &"noon", &"--out", &"x"]).refused(2, &["noon"]);
     if device().is_some() {
         let folder = scratch();

@@ -1,12 +1,12 @@
 //! The miniature CLIP against transformers' outputs and gradients: for the golden file's random pictures and texts, and
 //! for real ones where the test material is.
 
-use guard4d_engine::clip::{Clip, ClipSource, Purpose};
+use guard4d_engine::clip::{Clip, ClipSource, Precision, Purpose};
 use guard4d_engine::tensor_file::TensorFile;
 
 use super::{length, padded_texts, pixels_of, token_ids};
-use crate::support::close::{assert_close, assert_features_close, cosine};
-use crate::support::gpu::{Gpu, device};
+use crate::support::close::{assert_close, assert_features_close, cosine, relative_distance};
+use crate::support::gpu::{Gpu, device, half_device};
 use crate::support::{repo, shared};
 
 fn fixtures() -> Option<TensorFile> {
@@ -50,6 +50,31 @@ fn image_features_match_transformers() {
         rec.submit().expect("runs");
         let want = file.floats("image_embeds", &[count, 512]).expect("features");
         assert_features_close(&ws.features.read().expect("read"), &unit_rows(want, 512), 512);
+    }
+}
+
+#[test]
+fn half_precision_moves_features_and_gradients_by_its_rounding_alone() {
+    let Some(gpu) = half_device() else { return };
+    let file = golden();
+    let planes = file.floats("pixel_values", &[2, 3, 64, 64]).expect("pictures");
+    let v_features = file.floats("v_image_embeds", &[2, 512]).expect("a gradient");
+    let [(features, v_pixels), (rounded, v_rounded)] = [Precision::F32, Precision::Half].map(|precision| {
+        let tower = mini(&gpu).in_precision(precision).vision(Purpose::InputGradient).expect("tower");
+        let pixels = gpu.buffer_from("pixels", &pixels_of(planes, 64)).expect("buffer");
+        let v_features = gpu.buffer_from("v_features", v_features).expect("buffer");
+        let mut v_pixels = gpu.buffer_from("v_pixels", &vec![f32::NAN; 2 * 64 * 64 * 4]).expect("buffer");
+        let mut ws = tower.workspace(2).expect("workspace");
+        let mut rec = gpu.recorder().expect("recorder");
+        tower.forward(&mut rec, &pixels, &mut ws).expect("records");
+        tower.backward(&mut rec, &v_features, &mut ws, &mut v_pixels).expect("records");
+        rec.submit().expect("runs");
+        (ws.features.read().expect("read"), v_pixels.read().expect("read"))
+    });
+    // Each of some twenty products rounds its factors by 2^-12 on average; errors of both signs add up to 5 of these.
+    for (got, want) in [(&rounded, &features), (&v_rounded, &v_pixels)] {
+        let error = relative_distance(got, want);
+        assert!(error > 1e-6 && error < 1e-2, "{error} of the length: rounded, and no more");
     }
 }
 

@@ -24,6 +24,7 @@ fn device(name: &str, kind: DeviceKind, vendor: u32, uuid: &str, pci: Option<&st
         subgroup_size: 32,
         has_shuffles: true,
         has_robust_loads: true,
+        cooperation: None,
         timestamp_period_ns: 1.0,
     }
 }

@@ -119,7 +119,8 @@ fn a_missing_barrier_is_reported_and_the_recorders_own_suffices() {
             skipped("these validation layers do not follow what kernels touch");
             return;
         }
-        let found = errors.iter().any(|e| e.contains("SYNC-HAZARD-") && e.contains(hazard));
+        // Older layers say "SYNC-HAZARD-READ-AFTER-WRITE", newer ones "READ_AFTER_WRITE hazard".
+        let found = errors.iter().any(|e| e.to_lowercase().contains("hazard") && e.replace('_', "-").contains(hazard));
         assert!(found, "{passes:?} without a barrier: {errors:?}");
     }
 }

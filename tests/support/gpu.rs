@@ -91,6 +91,18 @@ pub(crate) fn each_family() -> Option<[Gpu; 2]> {
     }
 }
 
+/// The shared device where it has cooperative matrices for 16-bit floats. `None`, with the reason printed, where it lacks
+/// them; with `GUARD4D_REQUIRE_F16` set that fails the test.
+pub(crate) fn half_device() -> Option<Gpu> {
+    let gpu = device()?;
+    if let Err(why) = gpu.cooperation() {
+        assert!(std::env::var_os("GUARD4D_REQUIRE_F16").is_none(), "{why}");
+        super::skipped(&why.to_string());
+        return None;
+    }
+    Some(gpu)
+}
+
 fn open(host_access: HostAccess) -> Result<Device, String> {
     let kernels: FamilySelect = std::env::var("GUARD4D_KERNELS").unwrap_or_else(|_| "auto".to_owned()).parse()?;
     open_with(DeviceOptions { host_access, kernels })

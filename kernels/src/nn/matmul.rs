@@ -3,7 +3,8 @@
 use super::activation::Activation;
 use super::pack::{Elements, LANES, Order, PackedWeight, TEXEL, gather};
 use super::{as_i32, as_u32, expect_len, expect_multiple, transpose};
-use crate::registry::nn::{matmul_fwd, matmul_fwd_fixed16, matmul_fwd_tile, matmul_gradient_tile};
+use crate::registry::nn::{matmul_fwd, matmul_fwd_coop, matmul_fwd_fixed16, matmul_fwd_tile, matmul_gradient_tile};
+use crate::vk::COOP_TILE;
 use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder};
 
 const KERNEL: &str = "nn/matmul";
@@ -60,10 +61,11 @@ impl<'a> Product<'a> {
 /// in `a` [rows, k] · `weight` [n, k] packed · `bias` [n] · residual or pre-activation [rows, n] · out `c` [rows, n] (=);
 /// n and k are the padded sizes of [`PackedWeight`]
 /// # Equation: s = A Wᵀ + bias, then [`Epilogue`]
-/// # Determinism: bitwise; every element is one sum in the order of k
+/// # Determinism: bitwise; every element is one sum in the order of k, with 16-bit floats in one that the device fixes
 /// # Cost
 /// 2·rows·n·k operations. Lanes load (1/48 + 1/16) texels per four products. Tiles of r×64 read 4·rows·n·k·(1/64 + 1/r)
 /// bytes of memory or cache, r = 64 or 32, and 16/r + 1/4 texels of shared memory per 32 products of an invocation.
+/// Cooperative matrices read rows·n·k·(4/64 + 2/64) bytes.
 ///
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.
@@ -87,10 +89,12 @@ pub fn forward(rec: &mut Recorder, product: &Product, c: &mut Buffer<f32>) -> Re
         return Ok(());
     }
     let operands = Operands { a, weight, bias, aux, mode, activation };
-    match (rec.family(), &weight.elements) {
-        (KernelFamily::Tiles, Elements::F32(w)) => forward_tiles(rec, &operands, w, rows, c),
-        // 16-bit codes are for processors; a GPU runs the same program.
-        _ => forward_lanes(rec, &operands, rows, c),
+    match (&weight.elements, rec.family()) {
+        (Elements::F32(w), KernelFamily::Lanes) => lanes_f32(rec, &operands, w, rows, c),
+        (Elements::F32(w), KernelFamily::Tiles) => forward_tiles(rec, &operands, w, rows, c),
+        // Codes are for processors; other devices run the same program.
+        (Elements::Fixed16 { codes, scale }, _) => lanes_fixed16(rec, &operands, (codes, scale), rows, c),
+        (Elements::Half(w), _) => forward_coop(rec, &operands, w, rows, c),
     }
 }
 
@@ -104,25 +108,39 @@ struct Operands<'a> {
     activation: Activation,
 }
 
-fn forward_lanes(rec: &mut Recorder, operands: &Operands, rows: usize, c: &mut Buffer<f32>) -> Result<(), KernelError> {
-    let Operands { a, weight, bias, aux, mode, activation } = *operands;
-    let (n, k) = (weight.n(), weight.k());
+/// Lane-blocks of a tile of the lane kernels, and the workgroups that cover C.
+fn lane_tiling(rows: usize, n: usize) -> (i32, Grid) {
     let blocks = BLOCKS.into_iter().find(|b| (n / LANES).is_multiple_of(*b)).unwrap_or(1);
-    let (m, n, k, tiles) = (as_i32(rows), as_i32(n), as_i32(k), rows.div_ceil(TILE_ROWS));
-    let grid = Grid::groups(as_u32(tiles), as_u32(weight.n() / LANES / blocks), 1);
-    let (blocks, activation) = (as_i32(blocks), activation.code());
-    match &weight.elements {
-        Elements::F32(w_tex) => {
-            let spec = matmul_fwd::Spec { blocks, mode, activation };
-            let bind = matmul_fwd::Bind { a_tex: a, w_tex, bias, aux_tex: aux, c };
-            rec.dispatch_spec(bind, matmul_fwd::Params { m, n, k }, spec, grid)
-        }
-        Elements::Fixed16 { codes, scale } => {
-            let spec = matmul_fwd_fixed16::Spec { blocks, mode, activation };
-            let bind = matmul_fwd_fixed16::Bind { a_tex: a, w_tex: codes, bias, aux_tex: aux, c, scale };
-            rec.dispatch_spec(bind, matmul_fwd_fixed16::Params { m, n, k }, spec, grid)
-        }
-    }
+    (as_i32(blocks), Grid::groups(as_u32(rows.div_ceil(TILE_ROWS)), as_u32(n / LANES / blocks), 1))
+}
+
+fn lanes_f32(
+    rec: &mut Recorder,
+    operands: &Operands,
+    w: &Buffer<f32>,
+    rows: usize,
+    c: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let Operands { a, weight, bias, aux, mode, activation } = *operands;
+    let (blocks, grid) = lane_tiling(rows, weight.n());
+    let spec = matmul_fwd::Spec { blocks, mode, activation: activation.code() };
+    let params = matmul_fwd::Params { m: as_i32(rows), n: as_i32(weight.n()), k: as_i32(weight.k()) };
+    rec.dispatch_spec(matmul_fwd::Bind { a_tex: a, w_tex: w, bias, aux_tex: aux, c }, params, spec, grid)
+}
+
+fn lanes_fixed16(
+    rec: &mut Recorder,
+    operands: &Operands,
+    (codes, scale): (&Buffer<u32>, &Buffer<f32>),
+    rows: usize,
+    c: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let Operands { a, weight, bias, aux, mode, activation } = *operands;
+    let (blocks, grid) = lane_tiling(rows, weight.n());
+    let spec = matmul_fwd_fixed16::Spec { blocks, mode, activation: activation.code() };
+    let params = matmul_fwd_fixed16::Params { m: as_i32(rows), n: as_i32(weight.n()), k: as_i32(weight.k()) };
+    let bind = matmul_fwd_fixed16::Bind { a_tex: a, w_tex: codes, bias, aux_tex: aux, c, scale };
+    rec.dispatch_spec(bind, params, spec, grid)
 }
 
 fn forward_tiles(
@@ -139,6 +157,30 @@ fn forward_tiles(
     let params = matmul_fwd_tile::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
     let bind = matmul_fwd_tile::Bind { a, w, bias, aux, c };
     rec.dispatch_spec(bind, params, spec, grid)
+}
+
+fn forward_coop(
+    rec: &mut Recorder,
+    operands: &Operands,
+    w: &Buffer<u32>,
+    rows: usize,
+    c: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let Operands { a, weight, bias, aux, mode, activation } = *operands;
+    let (n, k) = (weight.n(), weight.k());
+    let cooperation = rec.cooperation()?;
+    let spec = matmul_fwd_coop::Spec {
+        tm: cooperation.m,
+        tn: cooperation.n,
+        tk: cooperation.k,
+        subgroups: cooperation.subgroups,
+        row_blocks: cooperation.row_blocks,
+        mode,
+        activation: activation.code(),
+    };
+    let params = matmul_fwd_coop::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
+    let grid = Grid::groups(as_u32(rows).div_ceil(COOP_TILE), as_u32(n).div_ceil(COOP_TILE), 1);
+    rec.dispatch_spec(matmul_fwd_coop::Bind { a, w, bias, aux, c }, params, spec, grid)
 }
 
 /// Rows per invocation of the tile kernels for a result `[rows, columns]`, and the workgroups that cover it.

@@ -24,6 +24,9 @@ pub enum Precision {
     /// Whole numbers from -32767 to 32767, times a float per row of W: an element is off by at most 2⁻¹⁶ of the largest
     /// one of its row. Half the memory, and half the fetches of a product.
     Fixed16,
+    /// 16-bit floats, and the left operand of a product is rounded to such too, for the cooperative matrices of a GPU: a
+    /// factor is off by at most 2⁻¹¹ of itself, and infinite beyond 65,504. Sums are 32-bit floats.
+    Half,
 }
 
 impl Precision {
@@ -33,6 +36,7 @@ impl Precision {
         match self {
             Self::F32 => "f32",
             Self::Fixed16 => "fixed16",
+            Self::Half => "f16",
         }
     }
 }
@@ -41,7 +45,7 @@ impl FromStr for Precision {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let all = [Self::F32, Self::Fixed16];
+        let all = [Self::F32, Self::Fixed16, Self::Half];
         all.into_iter()
             .find(|p| p.name() == text)
             .ok_or_else(|| format!("`{text}`: expected {}", all.map(Self::name).join(" or ")))
@@ -72,6 +76,8 @@ pub(crate) enum Elements {
     /// `codes` `[n/16][k/4][8 lanes]` uvec4, an even lane-block in the low halves and the next one in the high halves,
     /// times `scale` `[n]`
     Fixed16 { codes: Buffer<u32>, scale: Buffer<f32> },
+    /// `[n/8][k/4][8 lanes]` uvec2 of four 16-bit floats
+    Half(Buffer<u32>),
 }
 
 /// How W lies in a plain buffer.
@@ -95,15 +101,14 @@ impl PackedWeight {
     /// # Errors
     /// [`KernelError::Shape`] when `w` is not `n * k` long; [`KernelError::Allocation`] when memory runs out.
     pub fn new(device: &Device, name: &str, w: &[f32], n: usize, k: usize) -> Result<Self, KernelError> {
-        expect_len(KERNEL, "w", w.len(), n * k, "n*k")?;
-        let packed = device.buffer_from(name, &packed_order(w, n, k))?;
-        Self::of(device, name, Elements::F32(packed), (n, k))
+        Self::in_precision(device, name, w, (n, k), Precision::F32)
     }
 
     /// Packs `w` `[n, k]` on the host in the given precision.
     ///
     /// # Errors
-    /// As [`PackedWeight::new`]; [`KernelError::Shape`] too when `n` is not a multiple of 16 for 16-bit codes.
+    /// As [`PackedWeight::new`]; [`KernelError::Shape`] too when `n` is not a multiple of 16 for 16-bit codes;
+    /// [`KernelError::Unsuitable`] for 16-bit floats on a device without cooperative matrices.
     pub fn in_precision(
         device: &Device,
         name: &str,
@@ -111,17 +116,18 @@ impl PackedWeight {
         (n, k): (usize, usize),
         precision: Precision,
     ) -> Result<Self, KernelError> {
-        if precision == Precision::F32 {
-            return Self::new(device, name, w, n, k);
-        }
         expect_len(KERNEL, "w", w.len(), n * k, "n*k")?;
-        expect_multiple(KERNEL, "n", n, 2 * LANES)?;
-        let scale: Vec<f32> = w.chunks_exact(k.max(1)).map(code_unit).collect();
-        let codes = |(row, unit): (&[f32], &f32)| row.iter().map(|v| v / unit).collect::<Vec<_>>();
-        let codes: Vec<f32> = w.chunks_exact(k.max(1)).zip(&scale).flat_map(codes).collect();
-        let codes = device.buffer_from(name, &paired(&packed_order(&codes, n, k), k))?;
-        let scale = device.buffer_from(&format!("{name}.scale"), &scale)?;
-        Self::of(device, name, Elements::Fixed16 { codes, scale }, (n, k))
+        let elements = match precision {
+            Precision::F32 => Elements::F32(device.buffer_from(name, &packed_order(w, n, k))?),
+            Precision::Fixed16 => coded(device, name, w, (n, k))?,
+            Precision::Half => {
+                device.cooperation()?;
+                let packed = packed_order(w, n, k);
+                let pairs: Vec<u32> = packed.as_chunks().0.iter().map(|[low, high]| half_pair(*low, *high)).collect();
+                Elements::Half(device.buffer_from(name, &pairs)?)
+            }
+        };
+        Self::of(device, name, elements, (n, k))
     }
 
     fn of(device: &Device, name: &str, elements: Elements, (n, k): (usize, usize)) -> Result<Self, KernelError> {
@@ -150,7 +156,17 @@ impl PackedWeight {
     pub fn packed(&self) -> Option<&Buffer<f32>> {
         match &self.elements {
             Elements::F32(packed) => Some(packed),
-            Elements::Fixed16 { .. } => None,
+            Elements::Fixed16 { .. } | Elements::Half(_) => None,
+        }
+    }
+
+    /// How the elements are kept.
+    #[must_use]
+    pub fn precision(&self) -> Precision {
+        match self.elements {
+            Elements::F32(_) => Precision::F32,
+            Elements::Fixed16 { .. } => Precision::Fixed16,
+            Elements::Half(_) => Precision::Half,
         }
     }
 
@@ -189,6 +205,23 @@ fn packed_order(w: &[f32], n: usize, k: usize) -> Vec<f32> {
     packed
 }
 
+/// `w` in 16-bit codes with a scale per row.
+fn coded(device: &Device, name: &str, w: &[f32], (n, k): (usize, usize)) -> Result<Elements, KernelError> {
+    expect_multiple(KERNEL, "n", n, 2 * LANES)?;
+    let scale: Vec<f32> = w.chunks_exact(k.max(1)).map(code_unit).collect();
+    let codes = |(row, unit): (&[f32], &f32)| row.iter().map(|v| v / unit).collect::<Vec<_>>();
+    let codes: Vec<f32> = w.chunks_exact(k.max(1)).zip(&scale).flat_map(codes).collect();
+    let codes = device.buffer_from(name, &paired(&packed_order(&codes, n, k), k))?;
+    let scale = device.buffer_from(&format!("{name}.scale"), &scale)?;
+    Ok(Elements::Fixed16 { codes, scale })
+}
+
+/// Two values as 16-bit floats, the first in the low half.
+fn half_pair(low: f32, high: f32) -> u32 {
+    let bits = |v: f32| u32::from(half::f16::from_f32(v).to_bits());
+    bits(low) | bits(high) << 16
+}
+
 /// Float that one code of a row stands for; NaN or infinite where an element is, so that the row's products are too.
 fn code_unit(row: &[f32]) -> f32 {
     match row.iter().map(|v| v.abs()).fold(0.0, f32::max) {
@@ -221,9 +254,9 @@ fn paired(packed: &[f32], k: usize) -> Vec<u32> {
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.
 pub fn gather(rec: &mut Recorder, src: &Buffer<f32>, order: Order, out: &mut PackedWeight) -> Result<(), KernelError> {
-    let (n, k) = (out.n, out.k);
+    let (n, k, precision) = (out.n, out.k, out.precision());
     let Elements::F32(packed) = &mut out.elements else {
-        return Err(shape_error(KERNEL, "out", Precision::Fixed16.to_string(), Precision::F32.to_string()));
+        return Err(shape_error(KERNEL, "out", precision.to_string(), Precision::F32.to_string()));
     };
     let (stride_n, stride_k) = match order {
         Order::Rows { stride } => (stride, 1),

@@ -7,6 +7,7 @@ use ash::vk;
 use ash::vk::Handle;
 
 use super::buffer::BufferInner;
+use super::cooperation::Cooperation;
 use super::family::{FamilySelect, KernelFamily};
 use super::memory::{Arena, Memory};
 use super::pipeline::PipelineCache;
@@ -71,6 +72,8 @@ pub struct DeviceInfo {
     pub has_shuffles: bool,
     /// Whether loads out of range give zeros.
     pub has_robust_loads: bool,
+    /// The cooperative matrices that [`Half`](crate::nn::pack::Precision::Half) takes.
+    pub cooperation: Option<Cooperation>,
     /// Nanoseconds per timestamp tick.
     pub timestamp_period_ns: f32,
 }
@@ -139,10 +142,10 @@ pub(super) struct DeviceInner {
 }
 
 /// The Vulkan instance and its messenger.
-struct Instance {
-    raw: ash::Instance,
+pub(super) struct Instance {
+    pub(super) raw: ash::Instance,
     messenger: Option<(ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    _entry: ash::Entry,
+    pub(super) entry: ash::Entry,
 }
 
 impl Instance {
@@ -169,7 +172,7 @@ impl Instance {
         let raw = unsafe { entry.create_instance(&info, None) }
             .map_err(|e| KernelError::NoDriver { reason: format!("vkCreateInstance: {e}") })?;
         let messenger = if validation { Some(messenger(&entry, &raw)?) } else { None };
-        Ok(Self { raw, messenger, _entry: entry })
+        Ok(Self { raw, messenger, entry })
     }
 
     fn devices(&self) -> Result<Vec<(vk::PhysicalDevice, DeviceInfo)>, KernelError> {
@@ -209,6 +212,7 @@ impl Instance {
             has_shuffles: subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE)
                 && subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE),
             has_robust_loads: self.has_robust_loads(device),
+            cooperation: self.cooperation(device, subgroup.subgroup_size),
             timestamp_period_ns: base.limits.timestamp_period,
         }
     }
@@ -224,7 +228,7 @@ impl Instance {
         robustness.robust_buffer_access2 == vk::TRUE
     }
 
-    fn has_extension(&self, device: vk::PhysicalDevice, name: &CStr) -> bool {
+    pub(super) fn has_extension(&self, device: vk::PhysicalDevice, name: &CStr) -> bool {
         // SAFETY: the physical device belongs to this instance.
         let list = unsafe { self.raw.enumerate_device_extension_properties(device) }.unwrap_or_default();
         list.iter().any(|e| e.extension_name_as_c_str() == Ok(name))
@@ -411,9 +415,16 @@ impl Instance {
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
         // Texel loads out of range must give zeros: the lane kernels pad with them. The tile kernels look at the range.
         let robust = device.has_robust_loads;
+        let matrices = device.cooperation.is_some();
+        let wanted = [(robust, ash::ext::robustness2::NAME), (matrices, ash::khr::cooperative_matrix::NAME)];
         let extensions: Vec<*const c_char> =
-            if robust { vec![ash::ext::robustness2::NAME.as_ptr()] } else { Vec::new() };
+            wanted.iter().filter_map(|(want, name)| want.then_some(name.as_ptr())).collect();
         let mut robustness = vk::PhysicalDeviceRobustness2FeaturesEXT::default().robust_buffer_access2(true);
+        let mut cooperation = vk::PhysicalDeviceCooperativeMatrixFeaturesKHR::default().cooperative_matrix(true);
+        let mut core = vk::PhysicalDeviceVulkan12Features::default()
+            .shader_float16(true)
+            .vulkan_memory_model(true)
+            .vulkan_memory_model_device_scope(true);
         let features = vk::PhysicalDeviceFeatures::default().robust_buffer_access(true);
         let mut info = vk::DeviceCreateInfo::default()
             .queue_create_infos(&queues)
@@ -421,6 +432,9 @@ impl Instance {
             .enabled_features(&features);
         if robust {
             info = info.push_next(&mut robustness);
+        }
+        if matrices {
+            info = info.push_next(&mut cooperation).push_next(&mut core);
         }
         // SAFETY: every pointer in `info` outlives the call; the features were offered.
         check("vkCreateDevice", unsafe { self.raw.create_device(physical, &info, None) })

@@ -2,6 +2,7 @@
 
 mod assignment;
 mod buffer;
+mod cooperation;
 mod debug;
 mod device;
 mod family;
@@ -12,6 +13,8 @@ mod select;
 
 pub use assignment::Assignment;
 pub use buffer::{Buffer, Element};
+pub use cooperation::Cooperation;
+pub(crate) use cooperation::TILE as COOP_TILE;
 pub use debug::take_validation_errors;
 pub use device::{Device, DeviceInfo, DeviceKind, DeviceOptions, HostAccess, MemoryUse};
 pub use family::{FamilySelect, KernelFamily};

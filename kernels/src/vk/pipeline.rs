@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex};
 use ash::vk;
 
 use super::check;
+use super::device::DeviceInfo;
 use super::family::KernelFamily;
 use crate::error::KernelError;
 
@@ -57,15 +58,26 @@ pub struct KernelDef {
     pub spec_ids: &'static [u32],
     /// Workgroup size.
     pub local_size: [u32; 3],
+    /// Whether it is written for cooperative matrices.
+    pub is_coop: bool,
 }
 
 impl KernelDef {
-    fn spirv(&self, family: KernelFamily) -> &'static [u8] {
-        let program = match family {
+    fn program(&self, family: KernelFamily) -> Option<&'static [u8]> {
+        match family {
             KernelFamily::Lanes => self.lanes,
             KernelFamily::Tiles => self.tiles,
-        };
-        program.expect("a wrapper asks the recorder's family where a kernel has a program for one only")
+        }
+    }
+
+    /// Whether a device can come to run it.
+    #[must_use]
+    pub fn runs_on(&self, family: KernelFamily, device: &DeviceInfo) -> bool {
+        self.program(family).is_some() && (!self.is_coop || device.cooperation.is_some())
+    }
+
+    fn spirv(&self, family: KernelFamily) -> &'static [u8] {
+        self.program(family).expect("a wrapper asks the recorder's family where a kernel has a program for one only")
     }
 }
 

@@ -8,7 +8,7 @@ use ash::vk;
 
 use super::buffer::{Buffer, BufferInner, Element};
 use super::check;
-use super::device::{Device, DeviceInner};
+use super::device::{Device, DeviceInfo, DeviceInner};
 use super::family::KernelFamily;
 use super::pipeline::{KernelDef, Pipeline};
 use crate::error::KernelError;
@@ -226,6 +226,10 @@ impl Recorder {
     /// Which kernels the device runs; a wrapper that has a program for each asks this.
     pub(crate) fn family(&self) -> KernelFamily {
         self.device.family
+    }
+
+    pub(super) fn info(&self) -> &DeviceInfo {
+        &self.device.info
     }
 
     /// Records a kernel without specialisation constants.

@@ -9,7 +9,7 @@ use guard4d_kernels::reference::nn::pack as pack_twin;
 
 use super::{dot, run, unwritten, upload};
 use crate::support::close::assert_close;
-use crate::support::gpu::{device, each_family};
+use crate::support::gpu::{device, each_family, half_device};
 use crate::support::gradcheck::gradcheck;
 use crate::support::poison;
 use crate::support::random::Random;
@@ -119,6 +119,60 @@ fn sixteen_bit_weights_pass_poison_on() {
     }
     let odd = PackedWeight::in_precision(&gpu, "w", &[1.0; 64], (8, 8), Precision::Fixed16);
     assert!(matches!(odd, Err(KernelError::Shape { .. })), "lane-blocks come in pairs: {odd:?}");
+}
+
+/// The operands as cooperative matrices take them.
+fn rounded(x: &[f32]) -> Vec<f32> {
+    x.iter().map(|v| half::f16::from_f32(*v).to_f32()).collect()
+}
+
+#[test]
+fn half_precision_follows_the_twin_on_rounded_operands() {
+    let Some(gpu) = half_device() else { return };
+    for (rows, n, k) in SHAPES {
+        let mut random = Random((rows * n * k) as u64);
+        let (a, w) = (random.vec_f32(rows * k, -1.0, 1.0), random.vec_f32(n * k, -1.0, 1.0));
+        let (bias, aux) = (random.vec_f32(n, -1.0, 1.0), random.vec_f32(rows * n, -1.0, 1.0));
+        let weight = PackedWeight::in_precision(&gpu, "w", &w, (n, k), Precision::Half).expect("packs");
+        let (a_buffer, bias_buffer, aux_buffer) = (upload(&gpu, &a), upload(&gpu, &bias), upload(&gpu, &aux));
+        let cases = [
+            (Epilogue::Activate(Activation::Relu), twin::Epilogue::Activate(Activation::Relu)),
+            (Epilogue::Add(&aux_buffer), twin::Epilogue::Add(&aux)),
+            (Epilogue::Grad(Activation::QuickGelu, &aux_buffer), twin::Epilogue::Grad(Activation::QuickGelu, &aux)),
+        ];
+        for (epilogue, twin_epilogue) in cases {
+            let mut c = unwritten(&gpu, rows * n);
+            let product = Product { a: &a_buffer, rows, weight: &weight, bias: Some(&bias_buffer), epilogue };
+            run(&gpu, |rec| forward(rec, &product, &mut c));
+            let want = twin::forward(&rounded(&a), &rounded(&w), &bias, k, twin_epilogue);
+            // Products of two f16 are exact in f32. Units that add several at once may drop what lies 2^-22 below the
+            // largest partial sum, here about 10, in each of k/4 steps.
+            assert_close(&c.read().expect("read"), &want, 1e-4, 1e-5);
+        }
+    }
+}
+
+#[test]
+fn poison_in_half_precision_stays_in_its_row_or_column() {
+    let Some(gpu) = half_device() else { return };
+    let (rows, n, k) = (70, 72, 40);
+    let clean = Random(8).vec_f32(rows * k + n * k, -1.0, 1.0);
+    let on_gpu = |data: &[f32]| {
+        let weight = PackedWeight::in_precision(&gpu, "w", &data[rows * k..], (n, k), Precision::Half).expect("packs");
+        let a = upload(&gpu, &data[..rows * k]);
+        let mut c = unwritten(&gpu, rows * n);
+        run(&gpu, |rec| forward(rec, &Product::plain(&a, rows, &weight), &mut c));
+        c.read().expect("read")
+    };
+    let on_host = |data: &[f32]| {
+        let data = rounded(data);
+        let identity = twin::Epilogue::Activate(Activation::Identity);
+        twin::forward(&data[..rows * k], &data[rows * k..], &vec![0.0; n], k, identity)
+    };
+    // As above with k = 40. The last row and the last column lie in tiles that are not full.
+    let places = [3, (rows - 1) * k + 39, rows * k + 9 * k + 1, rows * k + (n - 1) * k + 38];
+    let reach = poison::spread(&clean, &places, (1e-4, 1e-5), on_gpu, on_host);
+    assert_eq!(reach, [n, n, rows, rows], "rows of A, columns of W");
 }
 
 #[test]
