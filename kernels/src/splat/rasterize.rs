@@ -245,7 +245,7 @@ pub(super) fn workgroups(tiles: usize) -> Grid {
 }
 
 /// One workgroup per tile, an invocation for each of its pixels.
-fn pixel_workgroups(tiles: usize) -> Grid {
+pub(super) fn pixel_workgroups(tiles: usize) -> Grid {
     Grid::threads(tiles * (TILE * TILE) as usize)
 }
 

@@ -32,13 +32,13 @@ fn gpu_equals_the_twin() {
             forward(rec, x, y)?;
             backward(rec, x, v_y, v_x)
         });
-        // Vulkan lets a device take a denormal for zero, also where it asks on which side of zero it lies.
-        let near = |g: f32, w: f32| g == w || g.is_nan() && w.is_nan() || (g - w).abs() < f32::MIN_POSITIVE;
-        let want = twin::forward(&data);
-        assert!(y.iter().zip(&want).all(|(g, w)| near(*g, *w)), "forward of {data:?}: {y:?}");
-        let flushed: Vec<f32> = data.iter().map(|x| if x.is_subnormal() { 0.0 } else { *x }).collect();
-        let [kept, flushed] = [&data, &flushed].map(|x| twin::backward(x, &v_data));
-        let either = (0..v_x.len()).all(|i| near(v_x[i], kept[i]) || near(v_x[i], flushed[i]));
-        assert!(either, "backward of {data:?}: {v_x:?}");
+        // A driver may take denormals for zeros, and either for the other on its way out.
+        let tiny = |v: f32| v.abs() < f32::MIN_POSITIVE;
+        let equal = |g: f32, w: f32| g == w || g.is_nan() && w.is_nan() || tiny(g) && tiny(w);
+        let same = |got: &[f32], want: &[f32]| got.iter().zip(want).all(|(g, w)| equal(*g, *w));
+        let flushed: Vec<f32> = data.iter().map(|v| if tiny(*v) { 0.0 } else { *v }).collect();
+        assert!(same(&y, &twin::forward(&data)), "forward of {data:?}: {y:?}");
+        let wants = [&data, &flushed].map(|x| twin::backward(x, &v_data));
+        assert!(wants.iter().any(|want| same(&v_x, want)), "backward of {data:?}: {v_x:?}");
     }
 }
