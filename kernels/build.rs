@@ -44,29 +44,8 @@ pub(crate) struct Programs {
 pub(crate) struct Unit {
     /// `family/stem`, variant suffix included.
     pub name: String,
-    /// The variant suffix, from its `_` on; empty without one.
-    pub variant: String,
     /// GLSL text with includes expanded and defines inserted.
     pub source: String,
-}
-
-impl Unit {
-    /// Whether it is a tile kernel, of its variant where it has one.
-    fn is_tile(&self) -> bool {
-        self.name.strip_suffix(&self.variant).is_some_and(|stem| stem.ends_with(TILE_SUFFIX))
-    }
-
-    /// Name of the tile kernel that takes its place, if there is such a shader with the same variant.
-    fn tile_name(&self) -> String {
-        let stem = self.name.strip_suffix(&self.variant).unwrap_or(&self.name);
-        format!("{stem}{TILE_SUFFIX}{}", self.variant)
-    }
-
-    /// The same with its source after some defines.
-    fn with_defines(&self, defines: &[String]) -> Self {
-        let source = with_defines(&self.source, defines);
-        Self { name: self.name.clone(), variant: self.variant.clone(), source }
-    }
 }
 
 fn main() {
@@ -80,35 +59,43 @@ fn main() {
 
     let units = units(&glsl);
     let names: Vec<_> = units.iter().map(|unit| unit.name.clone()).collect();
-    let kernels: Vec<_> = units.iter().map(|unit| programs(unit, names.contains(&unit.tile_name()), &out)).collect();
+    let has_tile = |name: &str| names.contains(&format!("{name}{TILE_SUFFIX}"));
+    let kernels: Vec<_> = units
+        .into_iter()
+        .map(|unit| {
+            let own_tile = has_tile(&unit.name);
+            programs(unit, own_tile, &out)
+        })
+        .collect();
     let registry = out.join("registry.rs");
     fs::write(&registry, generate::registry(&kernels)).unwrap_or_else(|e| panic!("{}: {e}", registry.display()));
 }
 
 /// The programs of one unit, compiled and checked; `has_tile` when another unit is its tile kernel.
-fn programs(unit: &Unit, has_tile: bool, out: &Path) -> Programs {
+fn programs(unit: Unit, has_tile: bool, out: &Path) -> Programs {
     let file = unit.name.replace('/', "__");
     let compiled = |unit: &Unit, kind: &str| {
         let spv = format!("{file}.{kind}.spv");
         (module(unit, &out.join(&spv)), Some(spv))
     };
     let refuse = |why: String| -> () { panic!("glsl/{}.comp: {why}", unit.name) };
-    if unit.is_tile() {
-        let (tiles, spv) = compiled(unit, "tiles");
+    if unit.name.ends_with(TILE_SUFFIX) {
+        let (tiles, spv) = compiled(&unit, "tiles");
         reflect::check_tiles(&tiles).unwrap_or_else(refuse);
         return Programs { kernel: tiles.kernel, lanes: None, tiles: spv, is_coop: false };
     }
     if unit.name.ends_with(COOP_SUFFIX) {
-        let unit = known_to_the_compiler(unit);
+        let unit = known_to_the_compiler(&unit);
         let (coop, spv) = compiled(&unit, "coop");
         reflect::check_coop(&coop).unwrap_or_else(refuse);
         return Programs { kernel: coop.kernel, lanes: spv.clone(), tiles: spv, is_coop: true };
     }
-    let (lanes, lanes_spv) = compiled(unit, "lanes");
+    let (lanes, lanes_spv) = compiled(&unit, "lanes");
     if has_tile {
         return Programs { kernel: lanes.kernel, lanes: lanes_spv, tiles: None, is_coop: false };
     }
-    let (tiles, tiles_spv) = compiled(&unit.with_defines(&[TILES.to_owned()]), "tiles");
+    let portable = Unit { source: with_defines(&unit.source, &[TILES.to_owned()]), name: unit.name.clone() };
+    let (tiles, tiles_spv) = compiled(&portable, "tiles");
     reflect::check_tiles(&tiles).and_then(|()| reflect::check_exchangeable(&lanes, &tiles)).unwrap_or_else(refuse);
     Programs { kernel: lanes.kernel, lanes: lanes_spv, tiles: tiles_spv, is_coop: false }
 }
@@ -116,14 +103,15 @@ fn programs(unit: &Unit, has_tile: bool, out: &Path) -> Programs {
 /// The unit, or its interface where the compiler is older than cooperative matrices, as the shaderc of many systems is. The
 /// crate then takes no device to have any (`kernels/src/vk/cooperation.rs`).
 fn known_to_the_compiler(unit: &Unit) -> Unit {
-    let Err(log) = compile::to_spirv(unit) else { return unit.with_defines(&[]) };
+    let source = |defines: &[String]| Unit { source: with_defines(&unit.source, defines), name: unit.name.clone() };
+    let Err(log) = compile::to_spirv(unit) else { return source(&[]) };
     assert!(
         cfg!(feature = "shaderc") && log.contains(COOP_EXTENSION),
         "glsl/{}.comp does not compile:\n{log}",
         unit.name
     );
     println!("cargo:rustc-cfg={WITHOUT_COOP}");
-    unit.with_defines(&[INTERFACE_ONLY.to_owned()])
+    source(&[INTERFACE_ONLY.to_owned()])
 }
 
 /// Compiles one unit into the file `spv` and reflects it.
@@ -144,11 +132,14 @@ fn units(glsl: &Path) -> Vec<Unit> {
             let stem = format!("{}/{}", leaf(&family), file.file_stem().expect("has one").to_string_lossy());
             let source = expand(&file, glsl, &mut Vec::new());
             for (suffix, defines) in variants.get(&stem).into_iter().flatten() {
-                let variant = format!("_{suffix}");
-                let name = format!("{stem}{variant}");
-                units.push(Unit { name, variant, source: with_defines(&source, defines) });
+                // The variant of a tile kernel is the tile kernel of the variant.
+                let name = match stem.strip_suffix(TILE_SUFFIX) {
+                    Some(base) => format!("{base}_{suffix}{TILE_SUFFIX}"),
+                    None => format!("{stem}_{suffix}"),
+                };
+                units.push(Unit { name, source: with_defines(&source, defines) });
             }
-            units.push(Unit { name: stem, variant: String::new(), source });
+            units.push(Unit { name: stem, source });
         }
     }
     units

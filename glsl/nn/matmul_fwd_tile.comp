@@ -30,13 +30,14 @@ layout(set = 0, binding = 4) writeonly buffer C { vec4 c[]; };
 vec4 next_left[4];
 vec4 next_right[4];
 
-// Column j of W at one texel of k.
-vec4 weight_texel(int j, int texel) {
+// Column j of W at one texel of k; codes of two lane-blocks share their words.
+vec4 column_texel(int j, int texel) {
+    int k4 = p.k / 4;
 #ifdef FIXED16
-    ivec4 codes = ivec4(w[((j / 16) * (p.k / 4) + texel) * 8 + j % 8]);
-    return vec4((j & 8) == 0 ? codes << 16 >> 16 : codes >> 16);
+    ivec4 codes = ivec4(w[((j / 16) * k4 + texel) * 8 + j % 8]);
+    return vec4(j / 8 % 2 == 0 ? codes << 16 >> 16 : codes >> 16);
 #else
-    return w[((j / 8) * (p.k / 4) + texel) * 8 + j % 8];
+    return w[((j / 8) * k4 + texel) * 8 + j % 8];
 #endif
 }
 
@@ -46,7 +47,7 @@ void fetch(int row, int column, int texel) {
     [[unroll]] for (int q = 0; q < 4; ++q) {
         int j = column + q;
         next_left[q] = row + q < p.m && texel < k4 ? a[(row + q) * k4 + texel] : vec4(0.0);
-        next_right[q] = j < p.n && texel < k4 ? weight_texel(j, texel) : vec4(0.0);
+        next_right[q] = j < p.n && texel < k4 ? column_texel(j, texel) : vec4(0.0);
     }
 }
 

@@ -4,7 +4,7 @@ use super::activation::Activation;
 use super::pack::{Elements, LANES, Order, PackedWeight, TEXEL, gather};
 use super::{as_i32, as_u32, expect_len, expect_multiple, transpose};
 use crate::registry::nn::{
-    matmul_fwd, matmul_fwd_coop, matmul_fwd_fixed16, matmul_fwd_tile, matmul_fwd_tile_fixed16, matmul_gradient_tile,
+    matmul_fwd, matmul_fwd_coop, matmul_fwd_fixed16, matmul_fwd_fixed16_tile, matmul_fwd_tile, matmul_gradient_tile,
 };
 use crate::vk::COOP_TILE;
 use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder};
@@ -93,7 +93,7 @@ pub fn forward(rec: &mut Recorder, product: &Product, c: &mut Buffer<f32>) -> Re
     let operands = Operands { a, weight, bias, aux, mode, activation };
     match (&weight.elements, rec.family()) {
         (Elements::F32(w), KernelFamily::Lanes) => lanes_f32(rec, &operands, w, rows, c),
-        (Elements::F32(w), KernelFamily::Tiles) => forward_tiles(rec, &operands, w, rows, c),
+        (Elements::F32(w), KernelFamily::Tiles) => tiles_f32(rec, &operands, w, rows, c),
         (Elements::Fixed16 { codes, scale }, KernelFamily::Lanes) => {
             lanes_fixed16(rec, &operands, (codes, scale), rows, c)
         }
@@ -149,7 +149,7 @@ fn lanes_fixed16(
     rec.dispatch_spec(bind, params, spec, grid)
 }
 
-fn forward_tiles(
+fn tiles_f32(
     rec: &mut Recorder,
     operands: &Operands,
     w: &Buffer<f32>,
@@ -173,12 +173,10 @@ fn tiles_fixed16(
     c: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
     let Operands { a, weight, bias, aux, mode, activation } = *operands;
-    let (n, k) = (weight.n(), weight.k());
-    let (per_thread, grid) = tiling(rows, n);
-    let spec = matmul_fwd_tile_fixed16::Spec { rows: as_i32(per_thread), mode, activation: activation.code() };
-    let params = matmul_fwd_tile_fixed16::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
-    let bind = matmul_fwd_tile_fixed16::Bind { a, w: codes, bias, aux, c, scale };
-    rec.dispatch_spec(bind, params, spec, grid)
+    let (per_thread, grid) = tiling(rows, weight.n());
+    let spec = matmul_fwd_fixed16_tile::Spec { rows: as_i32(per_thread), mode, activation: activation.code() };
+    let params = matmul_fwd_fixed16_tile::Params { m: as_i32(rows), n: as_i32(weight.n()), k: as_i32(weight.k()) };
+    rec.dispatch_spec(matmul_fwd_fixed16_tile::Bind { a, w: codes, bias, aux, c, scale }, params, spec, grid)
 }
 
 fn forward_coop(
