@@ -21,8 +21,8 @@ use crate::Args;
 use crate::host;
 use crate::measure::{config, key, train};
 
-/// Share of the clips that a tight budget leaves room for: with half of them, every other request makes one again.
-const TIGHT_SHARE: f64 = 0.5;
+/// A tight budget leaves room for one clip in this many: with half of them, every other request makes one again.
+const TIGHT_DIVISOR: usize = 2;
 /// Steps from one control to the next that are tried.
 const CONTROL_EVERY: [u32; 3] = [1, 2, 4];
 const COLUMNS: &str = "mode,precision,control_every,plans,model,size_px,bits,clips,target_db,seed,steps,clips_made,\
@@ -146,7 +146,7 @@ fn embed(args: &Args, scene: &Scene, variant: Variant, (target_psnr, seed): (f32
             let message = key.own_message();
             let subject = Subject { device: &device, clip: &clip, key: &key, model: &scene.model, message: &message };
             let estimate = Estimate::of(subject, &config)?;
-            let clips = (TIGHT_SHARE * estimate.clips as f64).ceil() as u64;
+            let clips = estimate.clips.div_ceil(TIGHT_DIVISOR) as u64;
             Some(estimate.resident_bytes + clips * estimate.clip_bytes)
         }
     };
