@@ -28,8 +28,10 @@ from torch import nn  # noqa: E402
 from torch.nn import functional  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
+# Of each row at least this many samples, and more where they are short.
 SAMPLES = 10
-WARM_UP = 2
+SECONDS = 2.0
+WARM_UP = 1
 # Rows of the transformer products: eight images of fifty tokens. guard4d's own row names carry the same sizes.
 ROWS = 400
 PRODUCTS = [(768, 768), (2304, 768), (3072, 768), (768, 3072)]
@@ -47,13 +49,14 @@ COLUMNS = [
 
 def measure(once):
     """Wall and CPU seconds of each run; CPU time is that of all threads, a software driver's among them."""
+    for _ in range(WARM_UP):
+        once()
     wall, cpu = [], []
-    for i in range(WARM_UP + SAMPLES):
+    while len(wall) < SAMPLES or sum(wall) < SECONDS:
         start = time.perf_counter(), time.process_time()
         once()
-        if i >= WARM_UP:
-            wall.append(time.perf_counter() - start[0])
-            cpu.append(time.process_time() - start[1])
+        wall.append(time.perf_counter() - start[0])
+        cpu.append(time.process_time() - start[1])
     return wall, cpu
 
 
@@ -62,7 +65,7 @@ def row(work, peer, precision, flops, once):
     wall, cpu = measure(once)
     print(f"{work}, {peer} {precision}: {1e3 * min(wall):.2f} ms", file=sys.stderr)
     times = [min(wall), statistics.median(wall), min(cpu), statistics.median(cpu)]
-    return line(work, (peer, precision, SAMPLES), [1e3 * t for t in times], flops)
+    return line(work, (peer, precision, len(wall)), [1e3 * t for t in times], flops)
 
 
 def line(work, who, times_ms, flops):
@@ -138,13 +141,13 @@ def torch_rows():
             linear, x = nn.Linear(k, n, bias=False).to(dtype), torch.rand(ROWS, k).to(dtype)
             with torch.inference_mode():
                 rows.append(row(product_name(n, k), "torch", precision, 2 * ROWS * n * k, lambda: linear(x)))
-        tower = Tower().to(dtype).requires_grad_(False)
-        pixels = torch.rand(IMAGES, 3, 224, 224).to(dtype).requires_grad_()
-        upstream = torch.rand(IMAGES, VIT["features"]).to(dtype)
-        with torch.inference_mode():
-            rows.append(row(tower_name("forward"), "torch", precision, tower_flops(), lambda: tower(pixels)))
-        both = lambda: torch.autograd.grad(tower(pixels), pixels, upstream)  # noqa: E731
-        rows.append(row(tower_name("forward and backward"), "torch", precision, 2 * tower_flops(), both))
+    tower = Tower().requires_grad_(False)
+    pixels = torch.rand(IMAGES, 3, 224, 224).requires_grad_()
+    upstream = torch.rand(IMAGES, VIT["features"])
+    with torch.inference_mode():
+        rows.append(row(tower_name("forward"), "torch", "f32", tower_flops(), lambda: tower(pixels)))
+    both = lambda: torch.autograd.grad(tower(pixels), pixels, upstream)  # noqa: E731
+    rows.append(row(tower_name("forward and backward"), "torch", "f32", 2 * tower_flops(), both))
     for given, outputs in CONVOLUTIONS:
         flops = 2 * 27 * math.prod(CLIP_SHAPE) * given * outputs
         for order, layout in [(torch.contiguous_format, "f32 NCDHW"), (torch.channels_last_3d, "f32 channels last")]:
@@ -245,10 +248,12 @@ Best and median of the samples; CPU time is that of all threads of the process, 
 last two columns are guard4d's f32 speed as a share of the row's, from the best times: 50 means that guard4d takes twice
 as long.
 
-- **torch** runs oneDNN and MKL kernels made for this processor's vectors, with fused multiply-add, and AMX for bf16.
-  **guard4d** and **ncnn** go through Mesa's lavapipe, which compiles to 256-bit vectors and contracts no multiplication
-  and addition: half the width of AVX-512 and no FMA leave a quarter of that peak at best. The goal for the products is
-  18 % of torch f32's speed.
+- **torch** runs oneDNN and MKL kernels made for this processor, with fused multiply-add in vectors as wide as it has;
+  bf16 is fast only where the processor has instructions for it. **guard4d** and **ncnn** go through Mesa's lavapipe,
+  which compiles to vectors of 256 bits at most and contracts no multiplication and addition: of the peak of 256-bit
+  FMA that leaves half, of 512-bit FMA a quarter. The goal for the products is 18 % of torch f32's speed.
+- Where other programs share the cores, wall times are too long, and most for torch, whose threads wait for one another;
+  then the shares by CPU time are the ones to read.
 - guard4d's wall times are the device's own timestamps around its passes, torch's and ncnn's are around the call. ncnn's
   call also copies input and output to and from the device's layout, which is little beside these times.
 - guard4d evaluates the last layer of the tower for the one token that CLIP reads, torch for all; both count the full
@@ -279,7 +284,9 @@ def markdown(rows, args, device):
 def processor():
     lines = pathlib.Path("/proc/cpuinfo").read_text().splitlines()
     model = next((line.split(": ")[1] for line in lines if line.startswith("model name")), platform.machine())
-    return f"{model}, {os.cpu_count()} threads"
+    flags = next((line.split() for line in lines if line.startswith("flags")), [])
+    vectors = [flag for flag in ["avx2", "fma", "avx512f", "avx512_bf16", "amx_bf16"] if flag in flags]
+    return f"{model}, {os.cpu_count()} threads; of vector extensions it has {', '.join(vectors) or 'none of note'}"
 
 
 def device_name(folder):
