@@ -38,18 +38,18 @@ void main() {
         uint splat = splat_from_slot[slot];
         vec4 shape = texel_load(geom, int(2u * splat));
         vec4 rest = texel_load(geom, int(2u * splat + 1u));
-        float opacity = valid ? rest.y : 0.0;
+        float log_opacity = valid ? log2(rest.y) : NO_SPLAT;
         float hits[8];
         [[unroll]] for (int j = 0; j < 8; ++j) {
             float dx = lane_shuffle(shape.x, j) - px;
             float top = lane_shuffle(shape.y, j) - py;
-            float ax = lane_shuffle(shape.z, j) * dx * dx;
+            float lo = lane_shuffle(log_opacity, j);
+            float peak = lane_shuffle(shape.z, j) * dx * dx + lo;
             float bx = lane_shuffle(shape.w, j) * dx;
             float c = lane_shuffle(rest.x, j);
-            float o = lane_shuffle(opacity, j);
             hits[j] = 0.0;
             [[unroll]] for (int k = 0; k < 8; ++k) {
-                float alpha = splat_alpha(ax, bx, c, o, top - float(k));
+                float alpha = splat_alpha(peak, bx, c, lo, top - float(k));
                 hits[j] += alpha > 0.0 && t[k] > 0.0 ? 1.0 : 0.0;
                 blend_weight(alpha, t[k]);
             }
