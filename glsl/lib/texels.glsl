@@ -14,3 +14,10 @@
 #define TEXELS_U32(binding_number, name) layout(set = 0, binding = binding_number, rgba32ui) uniform readonly uimageBuffer name
 #define texel_load imageLoad
 #endif
+
+// Component `i` & 3 of a texel.
+uint pick(uvec4 v, uint i) {
+    uint low = (i & 1u) != 0u ? v.y : v.x;
+    uint high = (i & 1u) != 0u ? v.w : v.z;
+    return (i & 2u) != 0u ? high : low;
+}

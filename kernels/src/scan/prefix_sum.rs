@@ -50,6 +50,7 @@ pub fn exclusive(
     rec.dispatch(bind, prefix_sum_partial::Params { n: dim(n), chunk: dim(chunk) }, grid)?;
     let bind = prefix_sum_spine::Bind { sums: &mut scratch.sums };
     rec.dispatch(bind, prefix_sum_spine::Params { lanes: dim(lanes) }, Grid::groups(1, 1, 1))?;
-    let bind = prefix_sum_apply::Bind { starts: &scratch.sums, data };
+    let before = data.alias();
+    let bind = prefix_sum_apply::Bind { starts: &scratch.sums, before: &before, data };
     rec.dispatch(bind, prefix_sum_apply::Params { n: dim(n), chunk: dim(chunk) }, grid)
 }
