@@ -132,7 +132,11 @@ fn units(glsl: &Path) -> Vec<Unit> {
             let stem = format!("{}/{}", leaf(&family), file.file_stem().expect("has one").to_string_lossy());
             let source = expand(&file, glsl, &mut Vec::new());
             for (suffix, defines) in variants.get(&stem).into_iter().flatten() {
-                let name = format!("{stem}_{suffix}");
+                // The variant of a tile kernel is the tile kernel of the variant.
+                let name = match stem.strip_suffix(TILE_SUFFIX) {
+                    Some(base) => format!("{base}_{suffix}{TILE_SUFFIX}"),
+                    None => format!("{stem}_{suffix}"),
+                };
                 units.push(Unit { name, source: with_defines(&source, defines) });
             }
             units.push(Unit { name: stem, source });

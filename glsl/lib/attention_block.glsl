@@ -19,6 +19,15 @@ const float MASKED = -1.0e30;
 shared vec4 pool[OPERANDS * CHUNK_SIZE > TILE * SLICE ? OPERANDS * CHUNK_SIZE : TILE * SLICE];
 shared vec4 weights[TILE * WEIGHT_STRIDE];
 
+// exp2 that hands on a NaN, which drivers may lose.
+float exp2_or_nan(float x) {
+    return isnan(x) ? x : exp2(x);
+}
+
+vec4 exp2_or_nan(vec4 x) {
+    return mix(exp2(x), x, isnan(x));
+}
+
 // Rows first.. of an operand at texels of one chunk, one texel per invocation; rows from `end` on are zero.
 #define LOAD_CHUNK(operand, source, base, stride, first, end, chunk)                                      \
     {                                                                                                     \

@@ -5,7 +5,11 @@
 #ifdef TILES
 #define TEXELS(binding_number, type, name) \
     layout(set = 0, binding = binding_number, std430) readonly buffer Texels_##name { type name[]; }; \
-    type load_##name(int i) { return uint(i) < uint(name.length()) ? name[i] : type(0); }
+    type load_##name(int i) { \
+        uint last = uint(name.length()) - 1u; \
+        type texel = name[min(uint(i), last)]; \
+        return uint(i) > last ? type(0) : texel; \
+    }
 #define TEXELS_F32(binding_number, name) TEXELS(binding_number, vec4, name)
 #define TEXELS_U32(binding_number, name) TEXELS(binding_number, uvec4, name)
 #define texel_load(name, i) load_##name(i)

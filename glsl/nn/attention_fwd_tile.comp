@@ -35,10 +35,10 @@ void soften(int id, inout float top, inout float sum) {
     partial[id] = max(largest(low), largest(high));
     barrier();
     float new_top = max(top, max(max(partial[4 * row], partial[4 * row + 1]), max(partial[4 * row + 2], partial[4 * row + 3])));
-    float fade = exp2(top - new_top);
+    float fade = exp2_or_nan(top - new_top);
     top = new_top;
-    low = exp2(low - new_top);
-    high = exp2(high - new_top);
+    low = exp2_or_nan(low - new_top);
+    high = exp2_or_nan(high - new_top);
     weights[at] = low;
     weights[at + 1] = high;
     vec4 both = low + high;
@@ -109,6 +109,7 @@ void main() {
     }
     if (id % 4 == 0 && row0 + id / 4 < p.queries) {
         float denominator = partial[id] + partial[id + 1] + partial[id + 2] + partial[id + 3];
-        lse[(image * heads + head) * p.queries + row0 + id / 4] = top + log2(denominator);
+        // Drivers may lose a NaN in log2.
+        lse[(image * heads + head) * p.queries + row0 + id / 4] = isnan(denominator) ? denominator : top + log2(denominator);
     }
 }

@@ -61,8 +61,10 @@ void main() {
             int column = id % 8 + 8 * (i % 4);
             int query = min(query0 + column, p.queries - 1);
             bool counts = query0 + column < p.queries && SEEN(id / 8 + 16 * (i / 4), column);
-            s[i] = counts ? exp2(s[i] * (p.scale * LOG2_E) - lse[stat + query]) : 0.0;
-            dp[i] = counts ? s[i] * (dp[i] - delta[stat + query]) : 0.0;
+            float weight = exp2_or_nan(s[i] * (p.scale * LOG2_E) - lse[stat + query]);
+            float slope = weight * (dp[i] - delta[stat + query]);
+            s[i] = counts ? weight : 0.0;
+            dp[i] = counts ? slope : 0.0;
         }
         put_weights(s, id);
         [[unroll]] for (int slice = 0; slice < SLICES; ++slice) {

@@ -66,7 +66,7 @@ void main() {
         [[unroll]] for (int i = 0; i < 8; ++i) {
             int column = id % 8 + 8 * (i % 4);
             bool counts = key0 + column < p.keys && SEEN(id / 8 + 16 * (i / 4), column);
-            float slope = exp2(s[i] * (p.scale * LOG2_E) - row_lse[i / 4]) * (dp[i] - row_delta[i / 4]);
+            float slope = exp2_or_nan(s[i] * (p.scale * LOG2_E) - row_lse[i / 4]) * (dp[i] - row_delta[i / 4]);
             s[i] = counts ? slope : 0.0;
         }
         put_weights(s, id);

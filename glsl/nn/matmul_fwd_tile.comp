@@ -1,6 +1,7 @@
 #version 460
 // nn/matmul_fwd_tile: nn/matmul_fwd for GPUs. One workgroup per tile of 8*ROWS rows x 64 columns.
 //   in   a [m, k]   w packed by nn/pack [n/8][k/4][8] vec4   bias [n]   aux [m, n], read if MODE > 0
+//        FIXED16: w packed [n/16][k/4][8] uvec4 of 16-bit codes, times scale [n]
 //   out  c [m, n] (=), epilogue(A*W^T + bias)
 //   twin kernels/src/reference/nn/matmul.rs   sums run over k in order, so the result is deterministic
 //   An invocation fetches 4 x 4 blocks of A and W and transposes them in registers on their way to shared memory. The next
@@ -13,7 +14,12 @@ layout(constant_id = 1) const uint MODE = 0;
 layout(constant_id = 2) const uint ACTIVATION = 0;
 layout(push_constant) uniform Params { int m; int n; int k; } p;
 layout(set = 0, binding = 0) readonly buffer A { vec4 a[]; };
+#ifdef FIXED16
+layout(set = 0, binding = 1) readonly buffer W { uvec4 w[]; };
+layout(set = 0, binding = 5) readonly buffer Scale { vec4 scale[]; };
+#else
 layout(set = 0, binding = 1) readonly buffer W { vec4 w[]; };
+#endif
 layout(set = 0, binding = 2) readonly buffer Bias { vec4 bias[]; };
 layout(set = 0, binding = 3) readonly buffer Aux { vec4 aux[]; };
 layout(set = 0, binding = 4) writeonly buffer C { vec4 c[]; };
@@ -24,13 +30,24 @@ layout(set = 0, binding = 4) writeonly buffer C { vec4 c[]; };
 vec4 next_left[4];
 vec4 next_right[4];
 
+// Column j of W at one texel of k; codes of two lane-blocks share their words.
+vec4 column_texel(int j, int texel) {
+    int k4 = p.k / 4;
+#ifdef FIXED16
+    ivec4 codes = ivec4(w[((j / 16) * k4 + texel) * 8 + j % 8]);
+    return vec4(j / 8 % 2 == 0 ? codes << 16 >> 16 : codes >> 16);
+#else
+    return w[((j / 8) * k4 + texel) * 8 + j % 8];
+#endif
+}
+
 // Four rows of A and four columns of W at one texel of k; zero outside, where both factors of a product are zero then.
 void fetch(int row, int column, int texel) {
     int k4 = p.k / 4;
     [[unroll]] for (int q = 0; q < 4; ++q) {
         int j = column + q;
         next_left[q] = row + q < p.m && texel < k4 ? a[(row + q) * k4 + texel] : vec4(0.0);
-        next_right[q] = j < p.n && texel < k4 ? w[((j / 8) * k4 + texel) * 8 + j % 8] : vec4(0.0);
+        next_right[q] = j < p.n && texel < k4 ? column_texel(j, texel) : vec4(0.0);
     }
 }
 
@@ -61,11 +78,16 @@ void main() {
     } while (texel < p.k / 4);
     if (column < p.n) {
         vec4 shift = bias[column / 4];
+#ifdef FIXED16
+        vec4 unit = scale[column / 4];
+#else
+        const vec4 unit = vec4(1.0);
+#endif
         [[unroll]] for (int r = 0; r < ROWS; ++r) {
             int row = row0 + y * ROWS + r;
             if (row < p.m) {
                 int at = (row * p.n + column) / 4;
-                c[at] = epilogue(acc[r] + shift, MODE > 0u ? aux[at] : vec4(0.0));
+                c[at] = epilogue(acc[r] * unit + shift, MODE > 0u ? aux[at] : vec4(0.0));
             }
         }
     }

@@ -28,14 +28,19 @@ vec2 axis_position(float q, uint size) {
     return vec2(low, at - low);
 }
 
+// mix, which drivers may compute as x + (y - x) * t: that is NaN where both are infinite.
+vec4 between(vec4 x, vec4 y, float t) {
+    return x * (1.0 - t) + y * t;
+}
+
 vec4 plane_sample(uvec4 shape, vec2 q, uint channel) {
     vec2 a = axis_position(q.x, shape.y), b = axis_position(q.y, shape.z);
     uint right = shape.y > 1u ? p.channel_texels : 0u;
     uint below = shape.z > 1u ? shape.y * p.channel_texels : 0u;
     uint at = shape.x + (uint(b.x) * shape.y + uint(a.x)) * p.channel_texels + channel;
-    vec4 upper = mix(texel_load(planes, int(at)), texel_load(planes, int(at + right)), a.y);
-    vec4 lower = mix(texel_load(planes, int(at + below)), texel_load(planes, int(at + below + right)), a.y);
-    return mix(upper, lower, b.y);
+    vec4 upper = between(texel_load(planes, int(at)), texel_load(planes, int(at + right)), a.y);
+    vec4 lower = between(texel_load(planes, int(at + below)), texel_load(planes, int(at + below + right)), a.y);
+    return between(upper, lower, b.y);
 }
 
 void main() {

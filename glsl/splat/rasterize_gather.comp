@@ -12,19 +12,27 @@ TEXELS_F32(0, v_slots);
 layout(set = 0, binding = 1) readonly buffer SlotRanges { uint slot_ranges[]; };
 layout(set = 0, binding = 2) buffer VColours { vec4 v_colours[]; };
 
+// Four slots a turn: fewer loop-carried updates, and the loop limit of lavapipe stays out of reach.
+void add_four(inout vec3 sum, inout uint at, uint end) {
+    [[unroll]] for (uint k = 0u; k < 4u; ++k) {
+        vec3 value = texel_load(v_slots, int(min(at + k, p.num_slots - 1u))).xyz;
+        sum += at + k < end ? value : vec3(0.0);
+    }
+    at += 4u;
+}
+
 void main() {
     uint splat = global_index();
     bool valid = splat < p.num_visible;
     uint at = valid ? slot_ranges[2u * splat] : 0u;
     uint end = valid ? slot_ranges[2u * splat + 1u] : 0u;
     vec3 sum = vec3(0.0);
-    // Four slots a turn: fewer loop-carried updates, and the loop limit of lavapipe stays out of reach.
-    do {
-        [[unroll]] for (uint k = 0u; k < 4u; ++k) {
-            vec3 value = texel_load(v_slots, int(min(at + k, p.num_slots - 1u))).xyz;
-            sum += at + k < end ? value : vec3(0.0);
-        }
-        at += 4u;
-    } while (at < end);
+#ifdef TILES
+    // Asks first: of invocations that leave a bottom-tested loop before others, SwiftShader loses what they loaded last.
+    while (at < end) add_four(sum, at, end);
+#else
+    // Asks last: a top-tested loop runs one turn more on lavapipe, masked.
+    do add_four(sum, at, end); while (at < end);
+#endif
     if (valid) v_colours[splat] = vec4(sum, 0.0);
 }

@@ -3,7 +3,9 @@
 use super::activation::Activation;
 use super::pack::{Elements, LANES, Order, PackedWeight, TEXEL, gather};
 use super::{as_i32, as_u32, expect_len, expect_multiple, transpose};
-use crate::registry::nn::{matmul_fwd, matmul_fwd_coop, matmul_fwd_fixed16, matmul_fwd_tile, matmul_gradient_tile};
+use crate::registry::nn::{
+    matmul_fwd, matmul_fwd_coop, matmul_fwd_fixed16, matmul_fwd_fixed16_tile, matmul_fwd_tile, matmul_gradient_tile,
+};
 use crate::vk::COOP_TILE;
 use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder};
 
@@ -91,9 +93,13 @@ pub fn forward(rec: &mut Recorder, product: &Product, c: &mut Buffer<f32>) -> Re
     let operands = Operands { a, weight, bias, aux, mode, activation };
     match (&weight.elements, rec.family()) {
         (Elements::F32(w), KernelFamily::Lanes) => lanes_f32(rec, &operands, w, rows, c),
-        (Elements::F32(w), KernelFamily::Tiles) => forward_tiles(rec, &operands, w, rows, c),
-        // Codes are for processors; other devices run the same program.
-        (Elements::Fixed16 { codes, scale }, _) => lanes_fixed16(rec, &operands, (codes, scale), rows, c),
+        (Elements::F32(w), KernelFamily::Tiles) => tiles_f32(rec, &operands, w, rows, c),
+        (Elements::Fixed16 { codes, scale }, KernelFamily::Lanes) => {
+            lanes_fixed16(rec, &operands, (codes, scale), rows, c)
+        }
+        (Elements::Fixed16 { codes, scale }, KernelFamily::Tiles) => {
+            tiles_fixed16(rec, &operands, (codes, scale), rows, c)
+        }
         (Elements::Half(w), _) => forward_coop(rec, &operands, w, rows, c),
     }
 }
@@ -143,7 +149,7 @@ fn lanes_fixed16(
     rec.dispatch_spec(bind, params, spec, grid)
 }
 
-fn forward_tiles(
+fn tiles_f32(
     rec: &mut Recorder,
     operands: &Operands,
     w: &Buffer<f32>,
@@ -157,6 +163,20 @@ fn forward_tiles(
     let params = matmul_fwd_tile::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
     let bind = matmul_fwd_tile::Bind { a, w, bias, aux, c };
     rec.dispatch_spec(bind, params, spec, grid)
+}
+
+fn tiles_fixed16(
+    rec: &mut Recorder,
+    operands: &Operands,
+    (codes, scale): (&Buffer<u32>, &Buffer<f32>),
+    rows: usize,
+    c: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let Operands { a, weight, bias, aux, mode, activation } = *operands;
+    let (per_thread, grid) = tiling(rows, weight.n());
+    let spec = matmul_fwd_fixed16_tile::Spec { rows: as_i32(per_thread), mode, activation: activation.code() };
+    let params = matmul_fwd_fixed16_tile::Params { m: as_i32(rows), n: as_i32(weight.n()), k: as_i32(weight.k()) };
+    rec.dispatch_spec(matmul_fwd_fixed16_tile::Bind { a, w: codes, bias, aux, c, scale }, params, spec, grid)
 }
 
 fn forward_coop(

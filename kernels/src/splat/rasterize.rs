@@ -257,7 +257,7 @@ fn is_whole(lists: &VisibleLists) -> bool {
 }
 
 /// One workgroup per tile, an invocation for each of its pixels.
-fn pixel_workgroups(tiles: usize) -> Grid {
+pub(super) fn pixel_workgroups(tiles: usize) -> Grid {
     Grid::threads(tiles * (TILE * TILE) as usize)
 }
 

@@ -1,16 +1,16 @@
 //! Which splats each tile sees, front to back: the constant part of rendering a frame.
 
 use super::project::{self, Projection, RawSplats, View};
-use super::rasterize::{TileGrid, stride, workgroups};
+use super::rasterize::{TileGrid, pixel_workgroups, stride, workgroups};
 use crate::registry::splat::{
-    rasterize_visit, tile_bin_active, tile_bin_count, tile_bin_emit, tile_bin_keep, tile_bin_order, tile_bin_pairs,
-    tile_bin_ranges, tile_bin_splats, tile_bin_tiles,
+    rasterize_visit, rasterize_visit_tile, tile_bin_active, tile_bin_count, tile_bin_emit, tile_bin_keep,
+    tile_bin_order, tile_bin_pairs, tile_bin_ranges, tile_bin_splats, tile_bin_tiles,
 };
 use crate::scan::prefix_sum;
 use crate::scan::radix_sort::{self, SortPairs};
 use crate::shape::dim;
 use crate::vk::{Arena, PassTime};
-use crate::{Buffer, Device, Grid, KernelError, Recorder, Timings};
+use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder, Timings};
 
 const KERNEL: &str = "splat/tile_bin";
 
@@ -423,23 +423,32 @@ fn visit(
     pairs: &mut PairScratch,
     tiles: &TileScratch,
 ) -> Result<(), KernelError> {
-    let bind = rasterize_visit::Bind {
-        geom: &projection.geom,
-        slot_from_isect: &pairs.sort.values,
-        splat_from_slot: &pairs.splat_from_slot,
-        tile_offsets: &tiles.offsets,
-        tile_order: &tiles.order,
-        kept_isect: &mut pairs.kept_isects,
-        kept_slot: &mut pairs.kept_slots,
-    };
-    let params = rasterize_visit::Params {
-        width: grid.width,
-        height: grid.height,
-        tiles_x: grid.tiles_x(),
-        num_active: dim(num_active),
-        tile_stride: stride(num_active),
-    };
-    rec.dispatch(bind, params, workgroups(num_active))
+    /// Binds and runs the program of one family; only the module that the types come from differs.
+    macro_rules! visit {
+        ($module:ident, $grid:expr) => {{
+            let bind = $module::Bind {
+                geom: &projection.geom,
+                slot_from_isect: &pairs.sort.values,
+                splat_from_slot: &pairs.splat_from_slot,
+                tile_offsets: &tiles.offsets,
+                tile_order: &tiles.order,
+                kept_isect: &mut pairs.kept_isects,
+                kept_slot: &mut pairs.kept_slots,
+            };
+            let params = $module::Params {
+                width: grid.width,
+                height: grid.height,
+                tiles_x: grid.tiles_x(),
+                num_active: dim(num_active),
+                tile_stride: stride(num_active),
+            };
+            rec.dispatch(bind, params, $grid)
+        }};
+    }
+    match rec.family() {
+        KernelFamily::Lanes => visit!(rasterize_visit, workgroups(num_active)),
+        KernelFamily::Tiles => visit!(rasterize_visit_tile, pixel_workgroups(num_active)),
+    }
 }
 
 fn element(buffer: &Buffer<u32>, at: usize) -> Result<usize, KernelError> {
