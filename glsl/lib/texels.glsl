@@ -25,3 +25,10 @@ uint pick(uvec4 v, uint i) {
     uint high = (i & 1u) != 0u ? v.w : v.z;
     return (i & 2u) != 0u ? high : low;
 }
+
+float pick(vec4 v, uint i) {
+    return uintBitsToFloat(pick(floatBitsToUint(v), i));
+}
+
+// Element `i` of a buffer of scalars. Processors' drivers load one lane after the other from a storage buffer.
+#define texel_pick(name, i) pick(texel_load(name, int(i) >> 2), uint(i))

@@ -13,7 +13,7 @@ layout(set = 0, binding = 2) buffer Data { uvec4 data[]; };
 
 void main() {
     uint lane = global_index();
-    uint texel = lane * p.chunk, end = min(texel + p.chunk, p.n / 4u + 1u), sum = pick(texel_load(starts, int(lane / 4u)), lane);
+    uint texel = lane * p.chunk, end = min(texel + p.chunk, p.n / 4u + 1u), sum = texel_pick(starts, lane);
     do {
         uint i = 4u * texel;
         uvec4 v = texel_load(before, int(min(texel, p.n / 4u)));

@@ -23,8 +23,7 @@ void main() {
     uint texel = lane * p.chunk, end = texel + p.chunk;
     uint bin = 0u;
     do {
-        uint at = bin * p.lanes + lane;
-        cursors[bin] = pick(texel_load(table, int(at / 4u)), at);
+        cursors[bin] = texel_pick(table, bin * p.lanes + lane);
     } while (++bin < BINS);
     do {
         int at = int(min(texel, (p.n - 1u) / 4u));

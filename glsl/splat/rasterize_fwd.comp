@@ -20,17 +20,17 @@ layout(push_constant) uniform Params {
 TEXELS_F32(0, geom);
 TEXELS_F32(1, colours);
 TEXELS_U32(2, splat_from_isect);
-layout(set = 0, binding = 3) readonly buffer TileOffsets { uint tile_offsets[]; };
-layout(set = 0, binding = 5) readonly buffer TileOrder { uint tile_order[]; };
+TEXELS_U32(3, tile_offsets);
+TEXELS_U32(5, tile_order);
 layout(set = 0, binding = 4) buffer Image { vec4 image[]; };
 
 void main() {
     uint lane = gl_LocalInvocationID.x;
     if (WHOLE == 0u && workgroup_index() >= p.num_active) return;
-    uint tile = tile_order[interleaved(workgroup_index(), p.tile_stride, p.num_active)];
+    uint tile = texel_pick(tile_order, interleaved(workgroup_index(), p.tile_stride, p.num_active));
     uint x = (tile % p.tiles_x) * 8u + lane, y = (tile / p.tiles_x) * 8u;
     float px = float(x), py = float(y);
-    uint at = tile_offsets[tile], end = tile_offsets[tile + 1u];
+    uint at = texel_pick(tile_offsets, tile), end = texel_pick(tile_offsets, tile + 1u);
     float t[8], r[8], g[8], b[8];
     [[unroll]] for (int k = 0; k < 8; ++k) {
         // A pixel outside the image starts stopped.
@@ -41,7 +41,7 @@ void main() {
     do {
         uint i = at + lane;
         bool valid = i < end;
-        uint splat = pick(texel_load(splat_from_isect, int(i >> 2)), i);
+        uint splat = texel_pick(splat_from_isect, i);
         splat = valid ? splat : 0u;
         vec4 shape = texel_load(geom, int(2u * splat));
         vec4 rest = texel_load(geom, int(2u * splat + 1u));
