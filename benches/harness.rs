@@ -95,27 +95,28 @@ pub(crate) struct Bench {
     pub(crate) rows: Vec<Row>,
     /// Kernels that ran in some row with timestamps.
     kernels: BTreeSet<&'static str>,
-    /// What a row's name must contain.
-    filter: Option<String>,
+    /// A row's name must contain one of these, if there are any.
+    filters: Vec<String>,
     /// Load of the machine before the first row.
     pub(crate) load: String,
 }
 
 impl Bench {
     /// Rows on this device.
-    pub(crate) fn new(device: Device, filter: Option<String>) -> Self {
+    pub(crate) fn new(device: Device, filters: Vec<String>) -> Self {
         let criterion = Criterion::default().sample_size(SAMPLES).warm_up_time(WARM_UP).measurement_time(MEASUREMENT);
-        Self { device, criterion, rows: Vec::new(), kernels: BTreeSet::new(), filter, load: crate::host::load() }
+        Self { device, criterion, rows: Vec::new(), kernels: BTreeSet::new(), filters, load: crate::host::load() }
     }
 
     /// Whether the command line leaves rows out.
     pub(crate) fn is_partial(&self) -> bool {
-        self.filter.is_some()
+        !self.filters.is_empty()
     }
 
     /// Whether the command line asks for a row; what only serves others need not be prepared. Shares need the probes.
     pub(crate) fn wants(&self, name: &str) -> bool {
-        self.filter.as_ref().is_none_or(|part| name.starts_with(PROBES) || name.contains(part))
+        let asked = |part: &String| name.contains(part.as_str());
+        !self.is_partial() || name.starts_with(PROBES) || self.filters.iter().any(asked)
     }
 
     /// Whether the device computes on this processor, so that CPU time says what it did.

@@ -38,13 +38,13 @@ type Outcome = Result<(), EngineError>;
 #[derive(Debug, Parser)]
 #[command(name = "./x bench")]
 struct Args {
-    /// Only rows whose names contain this, and the probes that shares are taken of
-    filter: Option<String>,
+    /// Only rows whose names contain one of these, and the probes that shares are taken of
+    filters: Vec<String>,
     /// Also fit how the cost grows with views, frames and splats
     #[arg(long)]
     full: bool,
     /// Measure nothing: print ratios of two results folders, B to A, and flag what became slower
-    #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with_all = ["filter", "full", "out"])]
+    #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with_all = ["filters", "full", "out"])]
     compare: Vec<PathBuf>,
     /// Folder for table, summary and chart [default: benches/results/DATE-DEVICE, and none for a part of the rows]
     #[arg(long)]
@@ -64,12 +64,12 @@ impl Args {
     /// What makes the same rows again.
     fn command(&self) -> String {
         let full = if self.full { " --full" } else { "" };
-        let filter = self.filter.as_ref().map(|part| format!(" '{part}'")).unwrap_or_default();
+        let filters: String = self.filters.iter().map(|part| format!(" '{part}'")).collect();
         let kernels = match self.kernels {
             FamilySelect::Auto => String::new(),
             only => format!(" --kernels {only}"),
         };
-        format!("./x bench{full}{kernels}{filter}")
+        format!("./x bench{full}{kernels}{filters}")
     }
 }
 
@@ -95,7 +95,7 @@ fn run(args: &Args) -> Result<Vec<&'static str>, EngineError> {
     }
     let options = DeviceOptions { kernels: args.kernels, ..DeviceOptions::default() };
     let device = Device::open_with(&args.device, options)?;
-    let mut bench = harness::Bench::new(device, args.filter.clone());
+    let mut bench = harness::Bench::new(device, args.filters.clone());
     for family in [
         probe::measure,
         nn::measure,

@@ -91,7 +91,7 @@ fn giga(rate: Option<f64>) -> Option<f64> {
 fn csv(bench: &Bench) -> String {
     let times = [MS, CORE_MS].map(|clock| QUARTILES.map(|end| format!("{clock}{end}")).join(","));
     let mut out = format!(
-        "{NAME},{},samples,{JUDGED_BY},rate,core_rate,unit,share_percent,core_share_percent,fma_share_percent,best_core_ms,best_fma_share_percent,work\n",
+        "{NAME},{},samples,{JUDGED_BY},rate,core_rate,unit,share_percent,core_share_percent,fma_share_percent,best_ms,best_core_ms,best_fma_share_percent,work\n",
         times.join(",")
     );
     let judged_by = if bench.is_cpu() { CORE_MS } else { MS };
@@ -99,7 +99,8 @@ fn csv(bench: &Bench) -> String {
         let times = [row.time(), row.core_time()]
             .map(|q| [q.low, q.median, q.high].map(|seconds| format!("{:.5}", seconds * 1e3)).join(","));
         let Shares { device, core, fma, best_fma } = Shares::of(bench, row);
-        let best = [Some(row.best_core_seconds() * 1e3), best_fma].map(|figure| cell(figure, 2)).join(",");
+        let [best_ms, best_core_ms] = [row.best_seconds(), row.best_core_seconds()].map(|s| format!("{:.5}", s * 1e3));
+        let best = [best_ms, best_core_ms, cell(best_fma, 2)].join(",");
         let shares = [device, core, fma].map(|share| cell(share, 2)).join(",");
         let rates = [row.rate(), row.core_rate()].map(|rate| cell(giga(rate), 3)).join(",");
         let (unit, formula) = unit(row);

@@ -239,6 +239,9 @@ pub(crate) struct EmbedArgs {
     /// What a frame passes through before CLIP, and so what a match proves
     #[arg(long, value_enum, default_value = "blind")]
     pub(crate) extractor: ExtractorArg,
+    /// Let `joint` read an unmarked control clip on every K-th step only, and count it K times: faster, less exact
+    #[arg(long, value_name = "K", default_value_t = 1)]
+    pub(crate) control_every: u32,
     #[command(flatten)]
     pub(crate) effort: EffortArgs,
     /// Fidelity to hold, in dB over whole frames, instead of the profile's

@@ -173,6 +173,7 @@ fn config(args: &EmbedArgs) -> EmbedConfig {
         BasesArg::All => OffsetBases::All,
     };
     config.fov_deg = f64::from(args.views.fov);
+    config.control_every = args.control_every;
     spend(&args.effort, &mut config);
     if let Some(target) = args.target_psnr {
         config = config.with_target(target);

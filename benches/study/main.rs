@@ -3,6 +3,8 @@
 //! `./x study --models DIR…` marks every model in every mode at every fidelity with every seed, reads the mark back
 //! from 8-bit frames of the model's `transforms_test.json`, and appends one row per embedding to `study.tsv` as soon
 //! as it is measured. Rows that are there already are skipped; `study.md` and `study.svg` are made from all of them.
+//!
+//! `./x study --speed` measures what makes an embedding faster instead, and writes `speed.csv`.
 
 mod chart;
 #[path = "../host.rs"]
@@ -10,6 +12,7 @@ mod host;
 mod ledger;
 mod measure;
 mod row;
+mod speed;
 mod summary;
 #[path = "../svg.rs"]
 mod svg;
@@ -31,8 +34,12 @@ use measure::{Case, Study};
 #[command(name = "./x study")]
 pub(crate) struct Args {
     /// 4DGaussians folders with a `transforms_test.json`; each is "another scene" to the others
-    #[arg(long, num_args = 1.., required = true)]
+    #[arg(long, num_args = 1.., required_unless_present = "speed")]
     models: Vec<PathBuf>,
+    /// Compare precisions, plans made again and controls now and then by time and accuracy, in `speed.csv`; without models
+    /// on the built-in one
+    #[arg(long, conflicts_with_all = ["modes", "rescale", "swap"])]
+    speed: bool,
     /// Extractor modes
     #[arg(long, value_delimiter = ',', default_value = "none,blind,joint")]
     modes: Vec<Mode>,
@@ -54,6 +61,9 @@ pub(crate) struct Args {
     /// Training steps, instead of the profile's
     #[arg(long)]
     steps: Option<usize>,
+    /// Training clips, instead of the profile's
+    #[arg(long)]
+    clips: Option<u32>,
     /// Where all other settings come from
     #[arg(long, value_enum, default_value = "draft")]
     profile: ProfileArg,
@@ -114,6 +124,9 @@ impl ProfileArg {
 
 fn main() -> Result<(), EngineError> {
     let args = Args::parse();
+    if args.speed {
+        return speed::run(&args);
+    }
     let study = Study::open(&args)?;
     let folder = args.out.clone().unwrap_or_else(|| host::results(study.device()));
     let mut ledger = Ledger::open(&folder.join("study.tsv"), row::columns())?;

@@ -124,7 +124,7 @@ impl Study {
 
     /// Whether the ledger has this case at every strength, with a message swap if one is asked for.
     pub(crate) fn is_measured(&self, ledger: &Ledger, args: &Args, case: Case) -> bool {
-        let settings = settings(&config(args, case));
+        let settings = settings(&config(args, (case.mode, case.target_psnr), case.seed));
         strengths(args).all(|strength| {
             let scene = [self.origin.clip.clone(), self.scenes[case.model].name.clone()];
             let numbers = [args.bits.to_string(), case.seed.to_string(), settings.clone(), strength.to_string()];
@@ -139,12 +139,12 @@ impl Study {
         let load = host::load();
         let name = self.name(args, case);
         let scene = &self.scenes[case.model];
-        let key = self.key(args, case.seed)?;
-        let stranger = self.key(args, stranger(args, case.seed))?;
+        let of_seed = |seed| key(args, (&self.device, &self.clip), seed);
+        let (key, stranger) = (of_seed(case.seed)?, of_seed(stranger(args, case.seed))?);
         let message = key.own_message();
         let subject =
             Subject { device: &self.device, clip: &self.clip, key: &key, model: &scene.model, message: &message };
-        let config = config(args, case);
+        let config = config(args, (case.mode, case.target_psnr), case.seed);
 
         let embedding = Embedding::prepare(subject, config.clone())?;
         let fitted = embedding.fitted().clone();
@@ -214,23 +214,23 @@ impl Study {
         let copy = HeldOut::shoot(&self.device, &scene.model, &embedded.sh_coeffs, &scene.cameras)?;
         Ok(SecondCopy { swap: read_swap(subject, extractor, &copy, &message)?, psnr: copy.psnr()? })
     }
+}
 
-    /// The key of a seed, from the cache if it is there.
-    fn key(&self, args: &Args, seed: u8) -> Result<Key, EngineError> {
-        let path = args.keys.join(format!("seed{seed}-{}bits-{}.key", args.bits, self.origin.clip));
-        if path.exists() {
-            match Key::read(&path, &self.clip) {
-                Ok(key) => return Ok(key),
-                // Of an earlier version, say; the seed gives it again.
-                Err(error) => eprintln!("{error}"),
-            }
+/// The key of a seed, from the cache if it is there.
+pub(crate) fn key(args: &Args, (device, clip): (&Device, &Clip), seed: u8) -> Result<Key, EngineError> {
+    let path = args.keys.join(format!("seed{seed}-{}bits-{}.key", args.bits, short(digest_of(clip))));
+    if path.exists() {
+        match Key::read(&path, clip) {
+            Ok(key) => return Ok(key),
+            // Of an earlier version, say; the seed gives it again.
+            Err(error) => eprintln!("{error}"),
         }
-        eprintln!("making {}", path.display());
-        let secret = MasterSecret::from_bytes([seed + 1; 32]);
-        let (key, _) = Key::generate(&self.device, &self.clip, secret, args.bits)?;
-        key.write(&path, Existing::Replace)?;
-        Ok(key)
     }
+    eprintln!("making {}", path.display());
+    let secret = MasterSecret::from_bytes([seed + 1; 32]);
+    let (key, _) = Key::generate(device, clip, secret, args.bits)?;
+    key.write(&path, Existing::Replace)?;
+    Ok(key)
 }
 
 impl Scene {
@@ -249,12 +249,14 @@ fn stranger(args: &Args, seed: u8) -> u8 {
     others.clone().find(|&s| s > seed).or_else(|| others.min()).unwrap_or((seed + 1) % u8::MAX)
 }
 
-fn config(args: &Args, case: Case) -> EmbedConfig {
-    let profile = EmbedConfig::new(args.profile.profile(), case.mode).with_target(case.target_psnr);
+/// Settings of an embedding in some mode and at some fidelity.
+pub(crate) fn config(args: &Args, (mode, target_psnr): (ExtractorMode, f32), seed: u8) -> EmbedConfig {
+    let profile = EmbedConfig::new(args.profile.profile(), mode).with_target(target_psnr);
     EmbedConfig {
         steps: args.steps.unwrap_or(profile.steps),
+        views: args.clips.unwrap_or(profile.views),
         size_px: (args.size, args.size),
-        seed: u64::from(case.seed),
+        seed: u64::from(seed),
         // Nobody watches.
         held_out_every: 0,
         ..profile
@@ -271,7 +273,8 @@ fn short(digest: Digest) -> String {
     digest.to_string().chars().take(SHORT_HASH).collect()
 }
 
-fn train(mut embedding: Embedding<'_>, name: &str) -> Result<Embedded, EngineError> {
+/// Takes all steps, with a line now and then.
+pub(crate) fn train(mut embedding: Embedding<'_>, name: &str) -> Result<Embedded, EngineError> {
     let (mut right, mut steps) = (0.0, 0);
     while let Some(report) = embedding.step()? {
         right += report.bit_accuracy;

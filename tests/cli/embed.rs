@@ -153,9 +153,24 @@ fn impossible_gates_and_settings_are_refused_before_work() {
     small.run("out", &["--min-accuracy", "NaN"]).refused(2, &["least bit accuracy: NaN"]);
     small.run("out", &["--min-psnr", "inf"]).refused(2, &["least PSNR: inf"]);
     small.run("out", &["--target-psnr", "10"]).refused(2, &["target PSNR: 10"]);
+    small.run("out", &["--control-every", "0"]).refused(2, &["control_every: 0", "at least 1"]);
+    small.set("--extractor", "blind");
+    small.run("out", &["--control-every", "2"]).refused(2, &["control_every: 2", "`joint`"]);
     small.set("--responses", "7");
     small.run("out", &[]).refused(2, &["responses: 7", "at least one per bit, 8"]);
     assert_eq!(names(small.folder.path()), ["model.ply", "owner.key"], "no output, whole or partial");
+}
+
+#[test]
+fn the_receipt_tells_how_often_there_was_a_control() {
+    let Some(gpu) = device() else { return };
+    let mut small = Small::new(&gpu);
+    small.set("--steps", "3");
+    small.run("out", &["--control-every", "2", "--min-accuracy", "0"]).done();
+    let receipt = fs::read(small.out("out").join("private/receipt.json")).expect("a receipt");
+    let receipt: Value = serde_json::from_slice(&receipt).expect("JSON");
+    assert_eq!(receipt["body"]["settings"]["embed"]["control_every"], 2, "{receipt}");
+    assert_eq!(receipt["body"]["settings"]["steps_taken"], 3, "{receipt}");
 }
 
 #[test]

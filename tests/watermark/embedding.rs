@@ -1,7 +1,10 @@
 //! What a training step takes, and what it shows of clips that it never sees.
 
+use std::path::Path;
+
 use guard4d_engine::EngineError;
 use guard4d_engine::scene::{Camera, CameraSet, View};
+use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::embed::{
     EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, Profile, Start, StepReport,
 };
@@ -155,6 +158,104 @@ fn held_out_figures_of_blind_are_those_of_the_finished_mark() {
 #[test]
 fn held_out_figures_of_joint_are_those_of_the_finished_mark() {
     check_held_out(ExtractorMode::Joint);
+}
+
+/// Settings of a short `joint` with a control in every `every`-th step.
+fn seldom(owner: &Owner, steps: usize, every: u32) -> EmbedConfig {
+    EmbedConfig { steps, control_every: every, ..config(owner, ExtractorMode::Joint) }
+}
+
+#[test]
+fn every_second_step_has_a_control_clean_and_noisy_by_turns_also_after_a_break() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let config = seldom(&owner, 6, 2);
+    let prepare = |config: &EmbedConfig| Embedding::prepare(owner.subject(&gpu), config.clone()).expect("prepares");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("checkpoint.safetensors");
+    let mut first = prepare(&config);
+    let mut reports = vec![first.step().expect("steps").expect("there are six")];
+    // The next step has no control, and asks for what is remembered of this one's.
+    first.save(&path).expect("saves");
+    let (rest, unbroken) = train(first);
+    reports.extend(rest);
+    for (step, report) in reports.iter().enumerate() {
+        assert_eq!(report.control > 0.0, step % 2 == 0, "step {step}: {report:?}");
+        assert!(report.control >= 0.0, "step {step}: {report:?}");
+    }
+
+    let mut second = prepare(&config);
+    second.restore(&path).expect("restores");
+    let (rest, resumed) = train(second);
+    assert_eq!(rest, reports[1..], "what the steps after the break see");
+    let bits = |e: &Embedded| e.sh_coeffs.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    assert!(bits(&unbroken) == bits(&resumed), "the same mark with and without a break");
+    assert_eq!(unbroken.extractor, resumed.extractor, "and the same extractor");
+
+    // The control of step 0 is clean and that of step 2 noisy: only the latter knows how far the noise ranges. Fitting
+    // takes the middle of the range, which stays.
+    let (low, high) = config.noise_sigma;
+    let mut noisier = prepare(&EmbedConfig { noise_sigma: (low / 4.0, high * 4.0), ..config });
+    for (step, quiet) in reports.iter().enumerate().take(3) {
+        let loud = noisier.step().expect("steps").expect("there are six");
+        assert_eq!(loud.control != quiet.control, step == 2, "step {step}: {loud:?}, {quiet:?}");
+    }
+}
+
+/// Adam's first moment of R's last layer, a tenth of its gradient, and the offsets after one step; with the checkpoint.
+fn first_moments(embedding: &mut Embedding<'_>, path: &Path) -> (Vec<f32>, Vec<f32>) {
+    embedding.step().expect("steps").expect("there is one");
+    embedding.save(path).expect("saves");
+    let file = TensorFile::read(path).expect("a checkpoint");
+    let floats = |name: &str| {
+        let shape = file.tensors[name].shape.clone();
+        file.finite(name, &shape).expect("numbers").to_vec()
+    };
+    (floats("tmsd.2.exp_avg"), floats("offsets.param"))
+}
+
+#[test]
+fn a_control_counts_as_often_as_it_is_left_out() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = |every: u32| folder.path().join(every.to_string());
+    let mut embeddings =
+        [1, 2, 3].map(|every| Embedding::prepare(owner.subject(&gpu), seldom(&owner, 1, every)).expect("prepares"));
+    let mut every = 0;
+    let after = embeddings.each_mut().map(|embedding| {
+        every += 1;
+        first_moments(embedding, &path(every))
+    });
+    let [once, twice, thrice] = after.each_ref().map(|(moments, _)| moments);
+    let difference = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<_>>();
+    let largest = |values: &[f32]| values.iter().fold(0.0, |m: f32, v| m.max(v.abs()));
+    let (second, third) = (difference(twice, once), difference(thrice, twice));
+    assert!(largest(&second) > 1e-3 * largest(thrice), "a control has a gradient: {}", largest(&second));
+    // Sums of 8192 pixels' products whose factors are rounded after a multiplication by three: 2^-24 · √8192 of the
+    // largest is 5e-6, and the way back through CLIP takes some more.
+    assert_close(&third, &second, 1e-4 * largest(thrice), 0.0);
+    // The offsets see the marked clip alone.
+    let bits = |offsets: &[f32]| offsets.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    assert!(after.iter().all(|(_, offsets)| bits(offsets) == bits(&after[0].1)), "the same offsets");
+
+    let refused = embeddings[2].restore(&path(2)).expect_err("other settings");
+    assert!(matches!(&refused, EngineError::BadData { field, .. } if field == "identity"), "{refused}");
+}
+
+#[test]
+fn settings_name_the_steps_between_controls_where_it_is_not_one() {
+    let joint = EmbedConfig::new(Profile::Draft, ExtractorMode::Joint);
+    let said = |config: &EmbedConfig| serde_json::to_value(config).expect("JSON")["control_every"].clone();
+    assert!(said(&joint).is_null(), "as before there was a choice");
+    let seldom = EmbedConfig { control_every: 4, ..joint };
+    assert_eq!(said(&seldom), 4);
+    seldom.validate().expect("possible");
+    for (mode, control_every) in [(ExtractorMode::Joint, 0), (ExtractorMode::Blind, 0), (ExtractorMode::Blind, 2)] {
+        let refused = EmbedConfig { control_every, ..EmbedConfig::new(Profile::Draft, mode) }.validate();
+        let refused = refused.expect_err("impossible").to_string();
+        assert!(refused.contains(&format!("control_every: {control_every}")), "{mode:?}: {refused}");
+    }
 }
 
 /// An embedding on a device of its own that takes at most `budget`, with the most that was taken.

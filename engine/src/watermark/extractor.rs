@@ -95,6 +95,30 @@ impl ExtractorWeights {
     }
 }
 
+/// What the tower reads at once, and its working memory.
+#[derive(Debug)]
+struct Batch {
+    branches: usize,
+    /// R's output of these branches `[B·F,S,S,4]`.
+    stacked: Buffer<f32>,
+    pixels: Buffer<f32>,
+    v_stacked: Buffer<f32>,
+    workspace: VisionWorkspace,
+}
+
+impl Batch {
+    fn new(device: &Device, tower: &VisionTower, branches: usize, clip_len: usize) -> Result<Self, KernelError> {
+        let all = |name: &str| device.buffer(&format!("extractor.{name}"), branches * clip_len);
+        Ok(Self {
+            branches,
+            workspace: tower.workspace(branches * CLIP_FRAMES)?,
+            stacked: all("stacked")?,
+            pixels: all("pixels")?,
+            v_stacked: all("v_stacked")?,
+        })
+    }
+}
+
 /// R and the image tower for `branches` clips of [`CLIP_FRAMES`] frames at once.
 #[derive(Debug)]
 pub struct FeatureExtractor {
@@ -103,11 +127,10 @@ pub struct FeatureExtractor {
     passes: Vec<TmsdPass>,
     branches: usize,
     clip_len: usize,
-    /// R's output of all branches `[B·F,S,S,4]`.
-    stacked: Buffer<f32>,
-    pixels: Buffer<f32>,
-    v_stacked: Buffer<f32>,
-    workspace: VisionWorkspace,
+    /// All branches together, and after [`FeatureExtractor::make_room_for_one`] the first one alone.
+    batches: Vec<Batch>,
+    /// The batch that was read last.
+    current: usize,
     /// dL/dx of the first branch `[F,S,S,4]`.
     pub v_x: Buffer<f32>,
 }
@@ -133,12 +156,9 @@ impl FeatureExtractor {
             None => Vec::new(),
         };
         let clip_len = shape.pixels() * 4;
-        let all = |name: &str| device.buffer(&format!("extractor.{name}"), branches * clip_len);
         Ok(Self {
-            workspace: tower.workspace(branches * CLIP_FRAMES)?,
-            stacked: all("stacked")?,
-            pixels: all("pixels")?,
-            v_stacked: all("v_stacked")?,
+            batches: vec![Batch::new(device, &tower, branches, clip_len)?],
+            current: 0,
             v_x: device.buffer("extractor.v_x", clip_len)?,
             tower,
             tmsd,
@@ -146,6 +166,17 @@ impl FeatureExtractor {
             branches,
             clip_len,
         })
+    }
+
+    /// Takes the memory to read the first branch without the others, too.
+    ///
+    /// # Errors
+    /// When memory runs out.
+    pub fn make_room_for_one(&mut self, device: &Device) -> Result<(), KernelError> {
+        if self.batches.iter().all(|batch| batch.branches != 1) {
+            self.batches.push(Batch::new(device, &self.tower, 1, self.clip_len)?);
+        }
+        Ok(())
     }
 
     /// Side of the square that clips are resized to.
@@ -171,13 +202,13 @@ impl FeatureExtractor {
         self.tmsd.as_mut()
     }
 
-    /// Features of unit length `[B·F, D]`, as [`FeatureExtractor::forward`] left them.
+    /// Features of unit length `[B·F, D]` of the branches that [`FeatureExtractor::forward`] read last.
     #[must_use]
     pub fn features(&self) -> &Buffer<f32> {
-        &self.workspace.features
+        &self.batches[self.current].workspace.features
     }
 
-    /// Features of one resized clip per branch.
+    /// Features of one resized clip per branch; B is the number of branches or, with room for it, 1.
     ///
     /// # Shapes
     /// in `clips` B × [F,S,S,4] in [0, 1], fourth channel 0 · out [`FeatureExtractor::features`] (=)
@@ -187,20 +218,29 @@ impl FeatureExtractor {
     /// [`KernelError::Shape`] before anything is recorded.
     pub fn forward(&mut self, rec: &mut Recorder, clips: &[&Buffer<f32>]) -> Result<(), KernelError> {
         let len = self.clip_len;
-        for (i, clip) in clips.iter().enumerate().take(self.branches) {
+        let fits = self.batches.iter().position(|batch| batch.branches == clips.len());
+        self.current = fits.ok_or_else(|| KernelError::Shape {
+            kernel: "watermark/extractor",
+            buffer: "clips",
+            got: clips.len().to_string(),
+            expected: format!("{}, or 1 with room for it", self.branches),
+        })?;
+        let batch = &mut self.batches[self.current];
+        for (i, clip) in clips.iter().enumerate() {
             match &self.tmsd {
                 Some(tmsd) => {
                     tmsd.forward(rec, clip, &mut self.passes[i])?;
-                    rec.copy(&self.passes[i].out, 0, &mut self.stacked, i * len, len)?;
+                    rec.copy(&self.passes[i].out, 0, &mut batch.stacked, i * len, len)?;
                 }
-                None => rec.copy(clip, 0, &mut self.stacked, i * len, len)?,
+                None => rec.copy(clip, 0, &mut batch.stacked, i * len, len)?,
             }
         }
-        normalize::forward(rec, &NORMALIZATION, &self.stacked, &mut self.pixels)?;
-        self.tower.forward(rec, &self.pixels, &mut self.workspace)
+        normalize::forward(rec, &NORMALIZATION, &batch.stacked, &mut batch.pixels)?;
+        self.tower.forward(rec, &batch.pixels, &mut batch.workspace)
     }
 
-    /// Gradient to the first branch's clip, in `self.v_x`; with `train` also to R's weights, over all branches.
+    /// Gradient to the first branch's clip, in `self.v_x`; with `train` also to R's weights, over the branches that were
+    /// read last.
     ///
     /// # Errors
     /// [`KernelError::Shape`] before anything is recorded.
@@ -211,17 +251,18 @@ impl FeatureExtractor {
         train: Training,
     ) -> Result<(), KernelError> {
         let len = self.clip_len;
-        self.tower.backward(rec, v_features, &mut self.workspace, &mut self.pixels)?;
-        normalize::backward(rec, &NORMALIZATION, &self.pixels, &mut self.v_stacked)?;
-        let Some(tmsd) = &mut self.tmsd else { return rec.copy(&self.v_stacked, 0, &mut self.v_x, 0, len) };
-        for (i, pass) in self.passes.iter_mut().enumerate() {
+        let batch = &mut self.batches[self.current];
+        self.tower.backward(rec, v_features, &mut batch.workspace, &mut batch.pixels)?;
+        normalize::backward(rec, &NORMALIZATION, &batch.pixels, &mut batch.v_stacked)?;
+        let Some(tmsd) = &mut self.tmsd else { return rec.copy(&batch.v_stacked, 0, &mut self.v_x, 0, len) };
+        for (i, pass) in self.passes.iter_mut().enumerate().take(batch.branches) {
             let weights = match train {
                 Training::Frozen if i > 0 => continue,
                 Training::Frozen => None,
                 Training::Tmsd if i == 0 => Some(Accumulate::Overwrite),
                 Training::Tmsd => Some(Accumulate::Add),
             };
-            rec.copy(&self.v_stacked, i * len, &mut pass.v_out, 0, len)?;
+            rec.copy(&batch.v_stacked, i * len, &mut pass.v_out, 0, len)?;
             tmsd.backward(rec, pass, weights)?;
         }
         rec.copy(&self.passes[0].v_x, 0, &mut self.v_x, 0, len)

@@ -303,6 +303,8 @@ pub struct InputGradient<'a> {
 /// in `v_y` [F,H,W,Co] · `weight` · `gate` [F,H,W,Ci] · out `v_x` [F,H,W,Ci] (=)
 /// # Equation: the adjoint of [`forward`] without its activation, padding included
 /// # Determinism: bitwise; no atomics
+/// # Cost
+/// 54·F·H·W·Ci·Co operations and reads as [`forward`]'s, with Ci and Co exchanged.
 ///
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.
@@ -364,6 +366,9 @@ pub struct WeightGradient<'a> {
 /// in `x` [F,H,W,Ci] · `v_y` [F,H,W,Co] · out `v_weight` like `weight` (=) or (+=)
 /// # Equation: Σ over pixels of v_y(o) · x(shifted by the tap, i)
 /// # Determinism: bitwise; sums in a fixed order, no atomics
+/// # Cost
+/// 54·F·H·W·Ci·Co operations, and 216·Ci·Co bytes of partial sums per chunk written and read. Tiles read x 4.8·Co/16 times
+/// (three frames, a halo of 34×6 around 32×4 pixels) and `v_y` 3·Ci/4 times.
 ///
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.

@@ -252,6 +252,8 @@ impl GradScratch {
 /// # Shapes
 /// in `a` [rows, k] · `v_c` [rows, n] · out `v_w` [n, k] row-major (=)
 /// # Determinism: bitwise; every element is one sum in the order of rows
+/// # Cost
+/// 2·rows·n·k operations. Lanes first move 16·rows·(n + k) bytes into their order; tiles read both operands as they are.
 ///
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.

@@ -12,6 +12,8 @@ use crate::tensor_file::{Tensor, TensorFile};
 
 /// `format` entry of a checkpoint.
 const FORMAT: &str = "guard4d.checkpoint/1";
+/// Tensor of the last control's logits.
+const HELD_CONTROL: &str = "control_logits";
 
 impl Embedding<'_> {
     /// What a checkpoint must agree with: settings, key, message, the unmarked coefficients and a given
@@ -30,6 +32,11 @@ impl Embedding<'_> {
         hasher.finalize().to_string()
     }
 
+    /// The last control's logits, where a step without a control of its own will ask for them.
+    fn held_control(&mut self) -> Option<&mut Buffer<f32>> {
+        self.critic.control_logits().filter(|_| self.config.control_every > 1)
+    }
+
     /// Writes everything that the next step depends on.
     ///
     /// # Errors
@@ -42,6 +49,9 @@ impl Embedding<'_> {
         let held = vec![self.mean_mse.unwrap_or(f32::NAN), self.keep];
         file.tensors.insert("held".to_owned(), Tensor::f32(&[2], held));
         store(&mut file, "offsets", &self.stage.offsets, &self.stage.offsets_state)?;
+        if let Some(logits) = self.held_control() {
+            file.tensors.insert(HELD_CONTROL.to_owned(), Tensor::f32(&[logits.len()], logits.read()?));
+        }
         if let Some(tmsd) = self.critic.features.tmsd() {
             for (name, weight, state) in tmsd.states() {
                 store(&mut file, &name, weight, state)?;
@@ -65,6 +75,10 @@ impl Embedding<'_> {
         let held = file.floats("held", &[2])?;
         let (mean_mse, keep) = ((!held[0].is_nan()).then_some(held[0]), held[1]);
         load(&file, "offsets", &mut self.stage.offsets, &mut self.stage.offsets_state, step)?;
+        if let Some(logits) = self.held_control() {
+            let read = file.floats(HELD_CONTROL, &[logits.len()])?;
+            logits.write(read)?;
+        }
         if let Some(tmsd) = self.critic.features.tmsd() {
             for (name, weight, state) in tmsd.states() {
                 load(&file, &name, weight, state, step)?;

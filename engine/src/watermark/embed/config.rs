@@ -63,6 +63,17 @@ impl Control {
     }
 }
 
+/// What a step reads beside the marked clip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ControlTurn {
+    /// Nothing.
+    Skipped,
+    /// The unmarked clip.
+    Clean,
+    /// The unmarked clip with noise.
+    Noisy,
+}
+
 /// All numbers of one embedding; written into the receipt.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct EmbedConfig {
@@ -116,6 +127,13 @@ pub struct EmbedConfig {
     pub control: Control,
     /// Weight of each control branch against the message loss.
     pub lambda_control: f32,
+    /// Steps from one control to the next, at least 1; more than 1 for `joint` alone. Between them a step reads only the
+    /// marked clip, against the logits of the last control, which is cheaper by that control's way through R and CLIP.
+    /// Whatever goes back through a control counts this many times, so that over this many steps R's mean gradient stays
+    /// what a control in every step would give: with the marked clips' share alone, R would learn to say the message
+    /// whatever it sees. Left out of files where it is 1, which is what they meant before there was a choice.
+    #[serde(skip_serializing_if = "is_one")]
+    pub control_every: u32,
     /// Standard deviation of the noisy control, log-uniform between these.
     pub noise_sigma: (f32, f32),
     /// Size of R in `blind` and `joint`.
@@ -167,6 +185,7 @@ impl EmbedConfig {
             lambda_offset: 0.0,
             control: Control::InverseBce { eps: 0.5 },
             lambda_control: 0.05,
+            control_every: 1,
             noise_sigma: (0.002, 0.05),
             tmsd: match mode {
                 ExtractorMode::Joint => TmsdConfig::default(),
@@ -208,7 +227,18 @@ impl EmbedConfig {
         ImageSize { height: self.size_px.1 as usize, width: self.size_px.0 as usize }
     }
 
-    /// Clips that the extractor reads per step: the marked one and, for `joint`, a control, clean and noisy by turns.
+    /// What step number `step` reads beside the marked clip if it trains R: every `control_every`-th step has a control,
+    /// clean and noisy by turns.
+    pub(super) fn control_turn(&self, step: usize) -> ControlTurn {
+        let every = self.control_every as usize;
+        match (step.is_multiple_of(every), (step / every).is_multiple_of(2)) {
+            (false, _) => ControlTurn::Skipped,
+            (true, true) => ControlTurn::Clean,
+            (true, false) => ControlTurn::Noisy,
+        }
+    }
+
+    /// Clips that the extractor reads in a step with a control: the marked one and, for `joint`, that control.
     pub(super) fn branches(&self) -> usize {
         if self.mode == ExtractorMode::Joint { 2 } else { 1 }
     }
@@ -224,6 +254,13 @@ impl EmbedConfig {
                 what: "TMSD depth".to_owned(),
                 got: "0".to_owned(),
                 expected: "at least 2 for `joint`, which trains it".to_owned(),
+            });
+        }
+        if self.control_every == 0 || (self.control_every > 1 && self.mode != ExtractorMode::Joint) {
+            return Err(EngineError::Usage {
+                what: "control_every".to_owned(),
+                got: self.control_every.to_string(),
+                expected: "at least 1, and 1 for all but `joint`, which alone has controls".to_owned(),
             });
         }
         let checks = [
@@ -271,6 +308,11 @@ impl EmbedConfig {
 /// A check of [`EmbedConfig::validate`].
 fn weight(name: &'static str, value: f32) -> (&'static str, f64, bool) {
     (name, f64::from(value), value.is_finite() && value >= 0.0)
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+fn is_one(number: &u32) -> bool {
+    *number == 1
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]

@@ -10,7 +10,7 @@ use crate::error::EngineError;
 
 /// Training clips that are made to learn what a clip takes; views differ by some percent.
 const SAMPLED_CLIPS: usize = 8;
-/// Steps that are timed, after one in which the driver compiles.
+/// Steps that are timed, or as many more as their controls take to come round, after those in which the driver compiles.
 const TIMED_STEPS: usize = 2;
 /// Forward passes of the extractor by which the work of a fit is counted: for each clip, for each random field, and for
 /// each of the clips that set the zero.
@@ -61,11 +61,14 @@ impl Estimate {
         pool.thin_out(SAMPLED_CLIPS);
         let sampled = pool.len();
         let mut embedding = Embedding::prepare_on(subject, few.clone(), Start::Fit, pool)?;
+        // Steps with a control take longer than those without: a whole number of rounds is timed.
+        let round = config.control_every as usize;
+        let timed_steps = TIMED_STEPS.next_multiple_of(round);
         let mut timed = 0.0;
-        for step in 0..(1 + TIMED_STEPS).min(config.steps) {
+        for step in 0..(round + timed_steps).min(config.steps) {
             let started = Instant::now();
             embedding.step()?;
-            timed += if step == 0 { 0.0 } else { started.elapsed().as_secs_f64() };
+            timed += if step < round { 0.0 } else { started.elapsed().as_secs_f64() };
         }
         let started = Instant::now();
         embedding.held_out()?;
@@ -99,7 +102,7 @@ impl Estimate {
             clips_in_memory: in_memory,
             plan_seconds: per_clip * (clips as f64 + missed * asked),
             fit_seconds: embedding.seconds["fit"] * fitted / passes(&few, embedding.clips.training().len()),
-            train_seconds: timed / TIMED_STEPS as f64 * config.steps as f64 + measuring * measured as f64,
+            train_seconds: timed / timed_steps as f64 * config.steps as f64 + measuring * measured as f64,
         })
     }
 }

@@ -77,8 +77,12 @@ pub(super) fn set_zero(
 ) -> Result<(), EngineError> {
     let bits = key.bits();
     weights.calibration.mean_logits = vec![0.0; bits];
-    let decoder = Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;
-    let mut pass = decoder.pass(device, CLIP_FRAMES)?;
+    let folded = weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean);
+    let (decoder, mut pass) = pool.with_room(|| {
+        let decoder = Decoder::new(device, &folded)?;
+        let pass = decoder.pass(device, CLIP_FRAMES)?;
+        Ok((decoder, pass))
+    })?;
     let sigma = (config.noise_sigma.0 * config.noise_sigma.1).sqrt();
     let (mut sums, mut rows) = (vec![0.0f64; bits], 0.0);
     for (stream, index) in (0..).zip(pool.training().take(ZERO_CLIPS)) {

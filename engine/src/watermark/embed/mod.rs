@@ -161,7 +161,10 @@ impl<'a> Embedding<'a> {
         check_mode(&config, &weights)?;
         let critic = clips.with_room(|| {
             let tmsd = weights.tmsd.as_ref();
-            let features = FeatureExtractor::new(device, clip, tmsd, branches, Purpose::InputGradient)?;
+            let mut features = FeatureExtractor::new(device, clip, tmsd, branches, Purpose::InputGradient)?;
+            if config.control_every > 1 {
+                features.make_room_for_one(device)?;
+            }
             let decoder = Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;
             Critic::new(device, features, decoder, message, &config)
         })?;
@@ -214,6 +217,7 @@ impl<'a> Embedding<'a> {
             keep: self.keep,
             sigma: low * (high / low).powf(unit(&mut rng)),
             stream: u32::try_from(self.step).unwrap_or(u32::MAX),
+            control: config.control_turn(self.step),
         };
         let (mut report, timings) = self.critic.step(self.subject.device, &mut self.stage, &clip, config, rates)?;
         if !(report.total.is_finite() && report.mse.is_finite()) {

@@ -16,7 +16,7 @@ use guard4d_kernels::shape::Accumulate;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
 
 use super::clips::TrainingClip;
-use super::config::EmbedConfig;
+use super::config::{ControlTurn, EmbedConfig};
 use super::pool::ClipPool;
 use crate::error::EngineError;
 use crate::render::{OffsetBases, Offsets, Renderer};
@@ -109,7 +109,7 @@ impl Stage {
 pub struct StepReport {
     /// Message loss.
     pub message: f32,
-    /// Control loss.
+    /// Control loss; 0 in a step without a control.
     pub control: f32,
     /// Mean square of the mark.
     pub mse: f32,
@@ -146,6 +146,8 @@ pub(super) struct Rates {
     pub(super) sigma: f32,
     /// Stream of its noise.
     pub(super) stream: u32,
+    /// Control that the step reads, if it trains R.
+    pub(super) control: ControlTurn,
 }
 
 /// Both parameter groups of the offsets.
@@ -162,7 +164,8 @@ fn offset_adam(config: &EmbedConfig, rates: Rates) -> AdamConfig {
 pub(super) struct Critic {
     pub(super) features: FeatureExtractor,
     decoder: Decoder,
-    pass: DecoderPass,
+    /// Of all branches, and of the marked clip alone if steps go without a control.
+    passes: Vec<DecoderPass>,
     target: Buffer<f32>,
     message: Message,
     objective: Objective,
@@ -203,7 +206,10 @@ impl Critic {
         };
         let size = config.frame_size();
         Ok(Self {
-            pass: decoder.pass(device, branches * CLIP_FRAMES)?,
+            passes: match config.control_every {
+                1 => vec![decoder.pass(device, branches * CLIP_FRAMES)?],
+                _ => vec![decoder.pass(device, branches * CLIP_FRAMES)?, decoder.pass(device, CLIP_FRAMES)?],
+            },
             target: device.buffer_from("critic.target", &bits)?,
             values: device.buffer("critic.values", NUM_VALUES)?,
             branches: (0..branches).map(|_| branch()).collect::<Result<_, _>>()?,
@@ -229,6 +235,24 @@ impl Critic {
         if self.branches.len() > 1 { Training::Tmsd } else { Training::Frozen }
     }
 
+    /// Logits of the last control, if there are controls.
+    pub(super) fn control_logits(&mut self) -> Option<&mut Buffer<f32>> {
+        self.branches.get_mut(1).map(|branch| &mut branch.logits)
+    }
+
+    /// The control of a step; without R in training there is none.
+    fn control(&self, rates: Rates) -> ControlTurn {
+        match self.training() {
+            Training::Tmsd => rates.control,
+            Training::Frozen => ControlTurn::Skipped,
+        }
+    }
+
+    /// Which of `self.passes` a step goes through.
+    fn pass_index(&self, rates: Rates) -> usize {
+        usize::from(self.training() == Training::Tmsd && rates.control == ControlTurn::Skipped)
+    }
+
     /// One step on `clip`. Returns what it saw before the update, and the device time of every pass.
     pub(super) fn step(
         &mut self,
@@ -242,11 +266,11 @@ impl Critic {
         stage.render(&mut rec, clip)?;
         self.fidelity(&mut rec, stage, clip, config)?;
         self.logits(&mut rec, stage, clip, config, rates)?;
-        self.message_losses(&mut rec, config)?;
+        self.message_losses(&mut rec, config, rates)?;
         self.update(&mut rec, stage, clip, config, rates)?;
         self.gather(&mut rec)?;
         let timings = rec.submit()?;
-        Ok((self.report(config)?, timings))
+        Ok((self.report(config, rates)?, timings))
     }
 
     /// Reconstruction loss and the squared error, with their gradient in `stage.v_marked`.
@@ -278,7 +302,7 @@ impl Critic {
         Ok(())
     }
 
-    /// Logits of the marked clip and, for `joint`, of the control whose turn it is.
+    /// Logits of the marked clip and of the step's control.
     fn logits(
         &mut self,
         rec: &mut Recorder,
@@ -287,48 +311,51 @@ impl Critic {
         config: &EmbedConfig,
         rates: Rates,
     ) -> Result<(), KernelError> {
-        if self.training() == Training::Tmsd {
-            let control = if rates.stream.is_multiple_of(2) {
-                &clip.resized
-            } else {
+        match self.control(rates) {
+            ControlTurn::Skipped => self.features.forward(rec, &[&stage.resized])?,
+            ControlTurn::Clean => self.features.forward(rec, &[&stage.resized, &clip.resized])?,
+            ControlTurn::Noisy => {
                 stage.noisy(rec, clip, &Noise { sigma: rates.sigma, seed: config.seed, stream: rates.stream })?;
-                &stage.noisy_resized
-            };
-            self.features.forward(rec, &[&stage.resized, control])?;
-        } else {
-            self.features.forward(rec, &[&stage.resized])?;
+                self.features.forward(rec, &[&stage.resized, &stage.noisy_resized])?;
+            }
         }
-        self.decoder.forward(rec, self.features.features(), &mut self.pass)
+        let pass = self.pass_index(rates);
+        self.decoder.forward(rec, self.features.features(), &mut self.passes[pass])
     }
 
     /// Message loss on what sets the marked clip's logits apart from the control's, and the control loss.
     ///
     /// A message loss on the marked logits alone is cheapest to lower by an R that says the message whatever it
-    /// sees; here such an R gains nothing.
-    fn message_losses(&mut self, rec: &mut Recorder, config: &EmbedConfig) -> Result<(), KernelError> {
+    /// sees; here such an R gains nothing. A step without a control takes the last one's logits for constants, and the
+    /// next control's gradient makes up for it: see [`EmbedConfig::control_every`].
+    fn message_losses(&mut self, rec: &mut Recorder, config: &EmbedConfig, rates: Rates) -> Result<(), KernelError> {
         let bits = self.target.len();
         let groups = Groups { groups: 1, rows: CLIP_FRAMES, bits };
         let len = CLIP_FRAMES * bits;
-        for (i, branch) in self.branches.iter_mut().enumerate() {
-            rec.copy(&self.pass.logits, i * len, &mut branch.logits, 0, len)?;
+        let read = if self.control(rates) == ControlTurn::Skipped { 1 } else { self.branches.len() };
+        let pass = self.pass_index(rates);
+        let pass = &mut self.passes[pass];
+        for (i, branch) in self.branches.iter_mut().enumerate().take(read) {
+            rec.copy(&pass.logits, i * len, &mut branch.logits, 0, len)?;
         }
         if let [marked, control] = self.branches.as_mut_slice() {
             rec.copy(&marked.logits, 0, &mut self.scratch_logits, 0, len)?;
             axpy::forward(rec, -1.0, &self.scratch_logits, &control.logits, &mut marked.logits)?;
         }
-        for (i, branch) in self.branches.iter_mut().enumerate() {
+        let repeats = config.control_every as f32;
+        for (i, branch) in self.branches.iter_mut().enumerate().take(read) {
             let (objective, weight) = match i {
                 0 => (self.objective, config.lambda_msg),
-                _ => (config.control.objective(), config.lambda_msg * config.lambda_control),
+                _ => (config.control.objective(), config.lambda_msg * config.lambda_control * repeats),
             };
             bce::forward(rec, objective, groups, (&branch.logits, &self.target), &mut branch.value)?;
             let inputs = (&branch.logits, &self.target, &branch.value);
             bce::backward(rec, (objective, weight), groups, inputs, &mut branch.v_logits)?;
-            rec.copy(&branch.v_logits, 0, &mut self.pass.v_logits, i * len, len)?;
+            rec.copy(&branch.v_logits, 0, &mut pass.v_logits, i * len, len)?;
         }
-        if let [marked, control] = self.branches.as_slice() {
-            axpy::forward(rec, -1.0, &control.v_logits, &marked.v_logits, &mut self.scratch_logits)?;
-            rec.copy(&self.scratch_logits, 0, &mut self.pass.v_logits, len, len)?;
+        if let [marked, control] = &self.branches[..read] {
+            axpy::forward(rec, -repeats, &control.v_logits, &marked.v_logits, &mut self.scratch_logits)?;
+            rec.copy(&self.scratch_logits, 0, &mut pass.v_logits, len, len)?;
         }
         Ok(())
     }
@@ -343,8 +370,10 @@ impl Critic {
         rates: Rates,
     ) -> Result<(), EngineError> {
         let training = self.training();
-        self.decoder.backward(rec, &mut self.pass)?;
-        self.features.backward(rec, &self.pass.v_features, training)?;
+        let pass = self.pass_index(rates);
+        let pass = &mut self.passes[pass];
+        self.decoder.backward(rec, pass)?;
+        self.features.backward(rec, &pass.v_features, training)?;
         let into = (&mut stage.v_marked, Accumulate::Add);
         resize::backward(rec, &stage.resize, &self.features.v_x, into, &mut stage.resize_scratch)?;
         clamp01::backward(rec, &stage.raw, &stage.v_marked, &mut stage.v_raw)?;
@@ -378,13 +407,16 @@ impl Critic {
         rec.copy(logits, 0, &mut self.report, NUM_VALUES + self.branches.len(), logits.len())
     }
 
-    fn report(&self, config: &EmbedConfig) -> Result<StepReport, KernelError> {
+    fn report(&self, config: &EmbedConfig, rates: Rates) -> Result<StepReport, KernelError> {
         let read = self.report.read()?;
         let (values, rest) = read.split_at(NUM_VALUES);
         let (losses, logits) = rest.split_at(self.branches.len());
         let marked = &logits[..self.branches[0].logits.len()];
         let objective = config.control.objective();
-        let control = losses[1..].iter().fold(0.0, |sum, value| sum + objective.loss(*value));
+        let control = match self.control(rates) {
+            ControlTurn::Skipped => 0.0,
+            ControlTurn::Clean | ControlTurn::Noisy => losses[1..].iter().fold(0.0, |sum, v| sum + objective.loss(*v)),
+        };
         let recon = match config.lambda_recon > 0.0 {
             true => (1.0 - config.lambda_ssim) * values[L1] + config.lambda_ssim * values[DISSIMILARITY],
             false => 0.0,
@@ -416,9 +448,10 @@ impl Critic {
             self.fidelity(&mut rec, stage, &clip, config)?;
             let all = [&stage.resized, &clip.resized];
             self.features.forward(&mut rec, &all[..self.branches.len()])?;
-            self.decoder.forward(&mut rec, self.features.features(), &mut self.pass)?;
+            let pass = &mut self.passes[0];
+            self.decoder.forward(&mut rec, self.features.features(), pass)?;
             rec.copy(&self.values, 0, &mut self.report, 0, NUM_VALUES)?;
-            rec.copy(&self.pass.logits, 0, &mut self.report, at, len * self.branches.len())?;
+            rec.copy(&pass.logits, 0, &mut self.report, at, len * self.branches.len())?;
             rec.submit()?;
             let read = self.report.read()?;
             let (of_marked, of_unmarked) = read[at..].split_at(len);

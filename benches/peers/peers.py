@@ -1,0 +1,328 @@
+"""Other implementations beside guard4d: one table of the same work, measured in one run. `./x peers` calls it.
+
+Nothing of guard4d needs this file or Python; it is here because the peers are Python packages.
+"""
+
+import argparse
+import csv
+import datetime
+import math
+import os
+import pathlib
+import platform
+import re
+import shlex
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+# Threads that wait for work must not count as CPU time; read when torch is imported.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+import ncnn  # noqa: E402
+import numpy as np  # noqa: E402
+import torch  # noqa: E402
+from torch import nn  # noqa: E402
+from torch.nn import functional  # noqa: E402
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+SAMPLES = 10
+WARM_UP = 2
+# Rows of the transformer products: eight images of fifty tokens. guard4d's own row names carry the same sizes.
+ROWS = 400
+PRODUCTS = [(768, 768), (2304, 768), (3072, 768), (768, 3072)]
+CONVOLUTIONS = [(16, 16), (3, 16)]
+CLIP_SHAPE = (8, 224, 224)
+IMAGES = 8
+VIT = {"layers": 12, "width": 768, "heads": 12, "inner": 3072, "tokens": 50, "patch": 32, "features": 512}
+# Largest error of a peer's product against float64, as a share of the largest value: sums of 3072 rounded products.
+TOLERANCE = 1e-4
+COLUMNS = [
+    "work", "peer", "precision", "samples", "wall_ms_best", "wall_ms", "cpu_ms_best", "cpu_ms",
+    "gflop", "wall_gflops", "cpu_gflops", "guard4d_wall_percent", "guard4d_cpu_percent",
+]  # fmt: skip
+
+
+def measure(once):
+    """Wall and CPU seconds of each run; CPU time is that of all threads, a software driver's among them."""
+    wall, cpu = [], []
+    for i in range(WARM_UP + SAMPLES):
+        start = time.perf_counter(), time.process_time()
+        once()
+        if i >= WARM_UP:
+            wall.append(time.perf_counter() - start[0])
+            cpu.append(time.process_time() - start[1])
+    return wall, cpu
+
+
+def row(work, peer, precision, flops, once):
+    """One line of the table."""
+    wall, cpu = measure(once)
+    print(f"{work}, {peer} {precision}: {1e3 * min(wall):.2f} ms", file=sys.stderr)
+    times = [min(wall), statistics.median(wall), min(cpu), statistics.median(cpu)]
+    return line(work, (peer, precision, SAMPLES), [1e3 * t for t in times], flops)
+
+
+def line(work, who, times_ms, flops):
+    """A line from best and median wall and CPU milliseconds."""
+    rates = [flops / 1e6 / times_ms[1], flops / 1e6 / times_ms[3]]
+    return dict(zip(COLUMNS, [work, *who, *times_ms, flops / 1e9, *rates], strict=False))
+
+
+def product_name(n, k):
+    return f"nn/matmul {ROWS}x{k}x{n}"
+
+
+def convolution_name(given, outputs):
+    return f"nn/conv3d forward {given}->{outputs}, {'x'.join(map(str, CLIP_SHAPE))}"
+
+
+def tower_name(way):
+    return f"clip/ViT-B/32 {way} {IMAGES} images"
+
+
+class Layer(nn.Module):
+    """A transformer layer of CLIP's image tower."""
+
+    def __init__(self):
+        super().__init__()
+        width = VIT["width"]
+        self.norms = nn.ModuleList([nn.LayerNorm(width), nn.LayerNorm(width)])
+        self.qkv, self.out = nn.Linear(width, 3 * width), nn.Linear(width, width)
+        self.up, self.down = nn.Linear(width, VIT["inner"]), nn.Linear(VIT["inner"], width)
+
+    def forward(self, x):
+        batch, tokens, width = x.shape
+        heads = self.qkv(self.norms[0](x)).view(batch, tokens, 3, VIT["heads"], width // VIT["heads"])
+        query, key, value = heads.permute(2, 0, 3, 1, 4)
+        attended = functional.scaled_dot_product_attention(query, key, value)
+        x = x + self.out(attended.transpose(1, 2).reshape(batch, tokens, width))
+        hidden = self.up(self.norms[1](x))
+        return x + self.down(hidden * torch.sigmoid(1.702 * hidden))
+
+
+class Tower(nn.Module):
+    """CLIP's image tower at the size of ViT-B/32, of random weights: pixels to features of unit length."""
+
+    def __init__(self):
+        super().__init__()
+        width, patch = VIT["width"], VIT["patch"]
+        self.patches = nn.Conv2d(3, width, patch, stride=patch, bias=False)
+        self.first = nn.Parameter(0.02 * torch.randn(1, 1, width))
+        self.positions = nn.Parameter(0.02 * torch.randn(1, VIT["tokens"], width))
+        self.before, self.after = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.layers = nn.Sequential(*[Layer() for _ in range(VIT["layers"])])
+        self.projection = nn.Linear(width, VIT["features"], bias=False)
+
+    def forward(self, pixels):
+        patches = self.patches(pixels).flatten(2).transpose(1, 2)
+        x = torch.cat([self.first.expand(len(patches), -1, -1), patches], 1) + self.positions
+        return functional.normalize(self.projection(self.after(self.layers(self.before(x))[:, 0])), dim=1)
+
+
+def tower_flops():
+    """As benches/clip.rs counts them."""
+    w, t, patches = VIT["width"], VIT["tokens"], VIT["tokens"] - 1
+    layer = t * (8 * w * w + 4 * w * VIT["inner"]) + 4 * t * t * w
+    ends = patches * 6 * VIT["patch"] ** 2 * w + 2 * w * VIT["features"]
+    return IMAGES * (VIT["layers"] * layer + ends)
+
+
+def torch_rows():
+    """Linear layers, convolutions and the image tower in torch."""
+    rows = []
+    for precision, dtype in [("f32", torch.float32), ("bf16", torch.bfloat16)]:
+        for n, k in PRODUCTS:
+            linear, x = nn.Linear(k, n, bias=False).to(dtype), torch.rand(ROWS, k).to(dtype)
+            with torch.inference_mode():
+                rows.append(row(product_name(n, k), "torch", precision, 2 * ROWS * n * k, lambda: linear(x)))
+        tower = Tower().to(dtype).requires_grad_(False)
+        pixels = torch.rand(IMAGES, 3, 224, 224).to(dtype).requires_grad_()
+        upstream = torch.rand(IMAGES, VIT["features"]).to(dtype)
+        with torch.inference_mode():
+            rows.append(row(tower_name("forward"), "torch", precision, tower_flops(), lambda: tower(pixels)))
+        both = lambda: torch.autograd.grad(tower(pixels), pixels, upstream)  # noqa: E731
+        rows.append(row(tower_name("forward and backward"), "torch", precision, 2 * tower_flops(), both))
+    for given, outputs in CONVOLUTIONS:
+        flops = 2 * 27 * math.prod(CLIP_SHAPE) * given * outputs
+        for order, layout in [(torch.contiguous_format, "f32 NCDHW"), (torch.channels_last_3d, "f32 channels last")]:
+            conv = nn.Conv3d(given, outputs, 3, padding=1, bias=False).to(memory_format=order)
+            x = torch.rand(1, given, *CLIP_SHAPE).to(memory_format=order)
+            with torch.inference_mode():
+                work = convolution_name(given, outputs)
+                rows.append(row(work, "torch", layout, flops, lambda: functional.relu_(conv(x))))
+    return rows
+
+
+def ncnn_product(weight, options):
+    """A net of one Gemm layer on the first Vulkan device, with the frozen weight `[N, K]`.
+
+    Of ncnn's two layers that do this, InnerProduct took six times as long on lavapipe.
+    """
+    n, k = weight.shape
+    net = ncnn.Net()
+    net.opt.use_vulkan_compute = True
+    for option, value in options.items():
+        setattr(net.opt, option, value)
+    with tempfile.TemporaryDirectory() as folder:
+        param, weights = pathlib.Path(folder, "net.param"), pathlib.Path(folder, "net.bin")
+        # 3: the weight is transposed; 5, 8, 9: it is constant, N and K; 10: nothing is added.
+        layers = f"Input a 0 1 a\nGemm gemm 1 1 a y 3=1 5=1 8={n} 9={k} 10=-1\n"
+        param.write_text(f"7767517\n2 2\n{layers}")
+        # Four zero bytes announce plain floats.
+        weights.write_bytes(bytes(4) + weight.tobytes())
+        if net.load_param(str(param)) or net.load_model(str(weights)):
+            raise RuntimeError("ncnn does not take the Gemm layer")
+    if not net.layers()[1].support_vulkan:
+        raise RuntimeError("ncnn has no Vulkan kernel for this Gemm layer")
+    return net
+
+
+def ncnn_rows():
+    """The same products by ncnn's Vulkan kernels, with the way of input and output to and from the device."""
+    floats = dict.fromkeys(["use_fp16_packed", "use_fp16_storage", "use_fp16_arithmetic", "use_bf16_storage"], False)
+    rows, random = [], np.random.default_rng(1)
+    for n, k in PRODUCTS:
+        weight = random.standard_normal((n, k), dtype=np.float32) / np.float32(math.sqrt(k))
+        x = random.standard_normal((ROWS, k), dtype=np.float32)
+        want = x.astype(np.float64) @ weight.T.astype(np.float64)
+        # Its default gains nothing here, and a call takes seconds: once is enough.
+        ways = [("f32", floats)] + [("its default, 16-bit", {})] * ((n, k) == PRODUCTS[0])
+        for precision, options in ways:
+            net = ncnn_product(weight, options)
+
+            def once():
+                extractor = net.create_extractor()
+                extractor.input("a", ncnn.Mat(x))
+                return extractor.extract("y")
+
+            code, got = once()
+            error = np.abs(np.array(got) - want).max() / np.abs(want).max() if code == 0 else math.inf
+            print(f"ncnn {precision}: largest error {error:.1e} of the largest value", file=sys.stderr)
+            if precision == "f32" and not error <= TOLERANCE:
+                raise RuntimeError(f"ncnn's product is off by {error}")
+            rows.append(row(product_name(n, k), "ncnn Vulkan", precision, 2 * ROWS * n * k, once))
+    return rows
+
+
+def guard4d_rows(table):
+    """guard4d's own rows of a results file of `./x bench`, with the name of the work that each does."""
+    names = [product_name(n, k) for n, k in PRODUCTS] + [convolution_name(*c) for c in CONVOLUTIONS]
+    names += [tower_name(way) for way in ["forward", "forward and backward"]]
+    rows = []
+    for cells in csv.DictReader(table.read_text().splitlines()):
+        name, _, kept = cells["name"].partition(", 16-bit")
+        if name not in names:
+            continue
+        precision = "16-bit weights" if kept else "f32"
+        times = [float(cells[c]) for c in ["best_ms", "ms", "best_core_ms", "core_ms"]]
+        flops = float(cells["rate"]) * 1e6 * times[1]
+        rows.append(line(name, ("guard4d", precision, int(cells["samples"])), times, flops))
+    missing = set(names) - {r["work"] for r in rows}
+    if missing:
+        raise RuntimeError(f"{table} has no row for {sorted(missing)}")
+    return rows
+
+
+def compare(rows):
+    """What guard4d's f32 reaches of each peer's speed, from best times, and in which order rows stand."""
+    ours = {r["work"]: r for r in rows if r["peer"] == "guard4d" and r["precision"] == "f32"}
+    for r in rows:
+        own = ours[r["work"]]
+        r["guard4d_wall_percent"] = 100 * r["wall_ms_best"] / own["wall_ms_best"]
+        r["guard4d_cpu_percent"] = 100 * r["cpu_ms_best"] / own["cpu_ms_best"]
+    return sorted(rows, key=lambda r: list(ours).index(r["work"]))
+
+
+def text(value):
+    return f"{value:.2f}" if isinstance(value, float) else str(value)
+
+
+NOTES = """\
+Best and median of the samples; CPU time is that of all threads of the process, a software driver's among them. The
+last two columns are guard4d's f32 speed as a share of the row's, from the best times: 50 means that guard4d takes twice
+as long.
+
+- **torch** runs oneDNN and MKL kernels made for this processor's vectors, with fused multiply-add, and AMX for bf16.
+  **guard4d** and **ncnn** go through Mesa's lavapipe, which compiles to 256-bit vectors and contracts no multiplication
+  and addition: half the width of AVX-512 and no FMA leave a quarter of that peak at best. The goal for the products is
+  18 % of torch f32's speed.
+- guard4d's wall times are the device's own timestamps around its passes, torch's and ncnn's are around the call. ncnn's
+  call also copies input and output to and from the device's layout, which is little beside these times.
+- guard4d evaluates the last layer of the tower for the one token that CLIP reads, torch for all; both count the full
+  layer as work. guard4d's convolution pads by reflection and repetition, torch's with zeros; both end in a ReLU.
+- "its default, 16-bit" is what ncnn does unless told otherwise: storage and arithmetic in 16-bit floats where the
+  device says that it has them.
+"""
+
+
+def markdown(rows, args, device):
+    """The table that people read."""
+    versions = f"torch {torch.__version__} ({torch.get_num_threads()} threads), ncnn {ncnn.__version__}"
+    head = [c.replace("_", " ") for c in COLUMNS]
+    out = [
+        "# Peers beside guard4d, one run on one machine\n",
+        f"- Processor: {processor()}; load before the run: {args.load}",
+        f"- Versions: {versions}, Python {platform.python_version()}; Vulkan device of guard4d and ncnn: {device}",
+        f"- Commit: {args.commit}; command: `./x peers`, which runs `./x bench {shlex.join(args.filters)}`",
+        f"- Date: {datetime.datetime.now(datetime.UTC):%F}\n",
+        NOTES,
+        f"| {' | '.join(head)} |",
+        f"| {' | '.join(['---'] * 3 + ['---:'] * (len(COLUMNS) - 3))} |",
+    ]
+    out += [f"| {' | '.join(text(r[c]) for c in COLUMNS)} |" for r in rows]
+    return "\n".join(out) + "\n"
+
+
+def processor():
+    lines = pathlib.Path("/proc/cpuinfo").read_text().splitlines()
+    model = next((line.split(": ")[1] for line in lines if line.startswith("model name")), platform.machine())
+    return f"{model}, {os.cpu_count()} threads"
+
+
+def device_name(folder):
+    """The Vulkan device, as the benchmark's own summary names it."""
+    lines = (folder / "summary.md").read_text().splitlines()
+    return next(line for line in lines if line.startswith("- Device: ")).removeprefix("- Device: ").split(";")[0]
+
+
+def results(device):
+    """Where today's results on a device go: the folder that `./x bench` takes, too."""
+    slug = "-".join(re.findall("[a-z0-9]+", device.lower()))
+    return ROOT / "benches/results" / f"{datetime.datetime.now(datetime.UTC):%F}-{slug}"
+
+
+def main():
+    parser = argparse.ArgumentParser(prog="./x peers", description=__doc__)
+    parser.add_argument("--out", type=pathlib.Path, help="folder for the tables [default: benches/results/DATE-DEVICE]")
+    args = parser.parse_args()
+    args.load = " ".join(f"{v:.2f}" for v in os.getloadavg()[:2])
+    head = ["git", "-C", ROOT, "rev-parse", "HEAD"]
+    args.commit = subprocess.run(head, capture_output=True, text=True, check=True).stdout.strip()
+    args.filters = [f"nn/matmul {ROWS}x", "clip/ViT-B/32", "nn/conv3d forward"]
+    torch.manual_seed(0)
+    # guard4d between the peers, so that a drift of the machine does not favour one of them alone.
+    rows = torch_rows()
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([ROOT / "x", "bench", *args.filters, "--out", folder], check=True)
+        rows += guard4d_rows(pathlib.Path(folder, "results.csv"))
+        device = device_name(pathlib.Path(folder))
+    if ncnn.get_gpu_count():
+        rows += ncnn_rows()
+    else:
+        print("ncnn finds no Vulkan device: no rows of it", file=sys.stderr)
+    rows = compare(rows)
+    out = args.out or results(device)
+    out.mkdir(parents=True, exist_ok=True)
+    with (out / "peers.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS)
+        writer.writeheader()
+        writer.writerows({c: text(r[c]) for c in COLUMNS} for r in rows)
+    (out / "peers.md").write_text(markdown(rows, args, device))
+    print(out / "peers.md")
+
+
+if __name__ == "__main__":
+    main()
