@@ -1,13 +1,6 @@
 // Lane kernels: one workgroup of 8 invocations works on one tile of 8 x 8 pixels, lane = column.
 // Shuffles take constants 0..7 only, so they also hold where a subgroup has more lanes.
 
-// Component `i` & 3 of a texel.
-uint pick(uvec4 v, uint i) {
-    uint low = (i & 1u) != 0u ? v.y : v.x;
-    uint high = (i & 1u) != 0u ? v.w : v.z;
-    return (i & 2u) != 0u ? high : low;
-}
-
 // Lane l receives the sum over lanes of v[l]: three butterfly rounds, 7 shuffles.
 float transposed_sum(float v[8], uint lane) {
     bool b4 = (lane & 4u) != 0u, b2 = (lane & 2u) != 0u, b1 = (lane & 1u) != 0u;

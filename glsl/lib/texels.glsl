@@ -18,3 +18,17 @@
 #define TEXELS_U32(binding_number, name) layout(set = 0, binding = binding_number, rgba32ui) uniform readonly uimageBuffer name
 #define texel_load imageLoad
 #endif
+
+// Component `i` & 3 of a texel.
+uint pick(uvec4 v, uint i) {
+    uint low = (i & 1u) != 0u ? v.y : v.x;
+    uint high = (i & 1u) != 0u ? v.w : v.z;
+    return (i & 2u) != 0u ? high : low;
+}
+
+float pick(vec4 v, uint i) {
+    return uintBitsToFloat(pick(floatBitsToUint(v), i));
+}
+
+// Element `i` of a buffer of scalars. Processors' drivers load one lane after the other from a storage buffer.
+#define texel_pick(name, i) pick(texel_load(name, int(i) >> 2), uint(i))

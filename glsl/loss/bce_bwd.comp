@@ -7,18 +7,19 @@
 #include "lib/grid.glsl"
 #include "lib/bce.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(constant_id = 0) const uint OBJECTIVE = 0;
 layout(push_constant) uniform Params { uint n, per_group, bits, target_stride; float margin, eps, weight; } p;
-layout(set = 0, binding = 0) readonly buffer Logits { float logits[]; };
-layout(set = 0, binding = 1) readonly buffer Target { float target[]; };
-layout(set = 0, binding = 2) readonly buffer Value { float value[]; };
+TEXELS_F32(0, logits);
+TEXELS_F32(1, target);
+TEXELS_F32(2, value);
 layout(set = 0, binding = 3) writeonly buffer VLogits { float v_logits[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.n) return;
-    float o = logits[i];
-    float t = target[p.target_stride == 0 ? i % p.bits : i];
+    float o = texel_pick(logits, i);
+    float t = texel_pick(target, p.target_stride == 0 ? i % p.bits : i);
     float v;
     if (OBJECTIVE == OBJECTIVE_MARGIN) {
         float s = 2.0 * t - 1.0;
@@ -27,7 +28,7 @@ void main() {
         v = 2.0 * o;
     } else {
         v = sigmoid(o) - t;
-        float b = value[i / p.per_group];
+        float b = texel_pick(value, i / p.per_group);
         float inverse = 1.0 / (b + p.eps);
         if (OBJECTIVE == OBJECTIVE_INVERSE) v *= -inverse * inverse;
         if (OBJECTIVE == OBJECTIVE_HINGE) v *= b < LN2 ? -inverse * inverse : 0.0;

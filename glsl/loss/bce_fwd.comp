@@ -6,10 +6,11 @@
 #include "lib/grid.glsl"
 #include "lib/bce.glsl"
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
 layout(constant_id = 0) const uint OBJECTIVE = 0;
 layout(push_constant) uniform Params { uint groups, per_group, bits, target_stride; float margin; } p;
-layout(set = 0, binding = 0) readonly buffer Logits { float logits[]; };
-layout(set = 0, binding = 1) readonly buffer Target { float target[]; };
+TEXELS_F32(0, logits);
+TEXELS_F32(1, target);
 layout(set = 0, binding = 2) writeonly buffer Value { float value[]; };
 
 void main() {
@@ -19,8 +20,8 @@ void main() {
     uint i = 0;
     do {
         uint at = group * p.per_group + i;
-        float o = logits[at];
-        float t = target[p.target_stride == 0 ? i % p.bits : at];
+        float o = texel_pick(logits, at);
+        float t = texel_pick(target, p.target_stride == 0 ? i % p.bits : at);
         if (OBJECTIVE == OBJECTIVE_MARGIN) sum += softplus(p.margin - (2.0 * t - 1.0) * o);
         else if (OBJECTIVE == OBJECTIVE_CHANCE) sum += o * o;
         else sum += softplus(o) - o * t;

@@ -4,8 +4,9 @@
 //   out  values [.], one element (=)
 //   twin kernels/src/reference/loss/sum.rs
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint first, n, slot; float scale; } p;
-layout(set = 0, binding = 0) readonly buffer Partial { float partial[]; };
+TEXELS_F32(0, partial);
 layout(set = 0, binding = 1) buffer Values { float values[]; };
 shared float lanes[64];
 
@@ -15,7 +16,7 @@ void main() {
     uint i = lane;
     uint rounds = (p.n + 63) / 64;
     while (rounds > 0) {
-        if (i < p.n) sum += partial[p.first + i];
+        if (i < p.n) sum += texel_pick(partial, p.first + i);
         i += 64;
         rounds--;
     }

@@ -15,8 +15,8 @@ layout(push_constant) uniform Params { int queries; int keys; int q_stride; int 
 TEXELS_F32(0, q_tex);
 TEXELS_F32(1, kv_tex);
 TEXELS_F32(2, v_attn_tex);
-layout(set = 0, binding = 3) readonly buffer Lse { float lse[]; };
-layout(set = 0, binding = 4) readonly buffer Delta { float delta[]; };
+TEXELS_F32(3, lse);
+TEXELS_F32(4, delta);
 layout(set = 0, binding = 5) writeonly buffer VKv { vec4 v_kv[]; };
 
 #include "lib/attention_tile.glsl"
@@ -66,10 +66,10 @@ void main() {
             vec4 grad1 = texel_load(v_attn_tex, g_base + high_query * g_stride + t);
             ADD_SCORES(dp, value0, value1, grad0, grad1)
         } while (++t < TEXELS);
-        float lse0 = lse[stat + low_query];
-        float lse1 = lse[stat + high_query];
-        float delta0 = delta[stat + low_query];
-        float delta1 = delta[stat + high_query];
+        float lse0 = texel_pick(lse, stat + low_query);
+        float lse1 = texel_pick(lse, stat + high_query);
+        float delta0 = texel_pick(delta, stat + low_query);
+        float delta1 = texel_pick(delta, stat + high_query);
         [[unroll]] for (int r = 0; r < TILE; ++r) {
             int from = CAUSAL == 1u ? row0 + r - diagonal : 0;
             bool low_seen = query0 + lane < p.queries && query0 + lane >= from;

@@ -15,8 +15,8 @@ layout(push_constant) uniform Params { int queries; int keys; int q_stride; int 
 TEXELS_F32(0, q_tex);
 TEXELS_F32(1, kv_tex);
 TEXELS_F32(2, v_attn_tex);
-layout(set = 0, binding = 3) readonly buffer Lse { float lse[]; };
-layout(set = 0, binding = 4) readonly buffer Delta { float delta[]; };
+TEXELS_F32(3, lse);
+TEXELS_F32(4, delta);
 layout(set = 0, binding = 5) writeonly buffer VQ { vec4 v_q[]; };
 
 #include "lib/attention_tile.glsl"
@@ -40,10 +40,10 @@ void main() {
     int first_key = CAUSAL == 1u ? p.keys - p.queries + row0 : p.keys - 1;
     int key_end = CAUSAL == 1u ? min(p.keys, first_key + TILE) : p.keys;
     int stat = (image * heads + head) * p.queries;
-    float lse0 = lse[stat + row_low];
-    float lse1 = lse[stat + row_high];
-    float delta0 = delta[stat + row_low];
-    float delta1 = delta[stat + row_high];
+    float lse0 = texel_pick(lse, stat + row_low);
+    float lse1 = texel_pick(lse, stat + row_high);
+    float delta0 = texel_pick(delta, stat + row_low);
+    float delta1 = texel_pick(delta, stat + row_high);
 
     vec4 acc[TILE * SLICES];
     [[unroll]] for (int i = 0; i < TILE * SLICES; ++i) {

@@ -5,8 +5,9 @@
 //   twin kernels/src/reference/nn/conv3d.rs
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint in_channels, out_channels; } p;
-layout(set = 0, binding = 0) readonly buffer Weight { float weight[]; };
+TEXELS_F32(0, weight);
 layout(set = 0, binding = 1) writeonly buffer WeightT { vec4 weight_t[]; };
 
 void main() {
@@ -17,5 +18,5 @@ void main() {
     uint co = i % texels / p.in_channels * 4;
     uint ci = i % p.in_channels;
     uint at = ((tap * p.in_channels / 4 + ci / 4) * p.out_channels + co) * 4 + ci % 4;
-    weight_t[i] = vec4(weight[at], weight[at + 4], weight[at + 8], weight[at + 12]);
+    weight_t[i] = vec4(texel_pick(weight, at), texel_pick(weight, at + 4), texel_pick(weight, at + 8), texel_pick(weight, at + 12));
 }

@@ -7,7 +7,7 @@
 layout(local_size_x = 64) in;
 #include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint rows; uint tokens; uint width; uint vocab; } p;
-layout(set = 0, binding = 0) readonly buffer Ids { uint ids[]; };
+TEXELS_U32(0, ids);
 TEXELS_F32(1, table_tex);
 TEXELS_F32(2, position_tex);
 layout(set = 0, binding = 3) writeonly buffer Y { vec4 y[]; };
@@ -18,7 +18,7 @@ void main() {
     if (i < p.rows * texels) {
         uint row = i / texels;
         uint t = i % texels;
-        uint id = min(ids[row], p.vocab - 1u);
+        uint id = min(texel_pick(ids, row), p.vocab - 1u);
         y[i] = texel_load(table_tex, int(id * texels + t)) + texel_load(position_tex, int((row % p.tokens) * texels + t));
     }
 }

@@ -16,11 +16,11 @@ layout(push_constant) uniform Params { int m; int n; int k; } p;
 TEXELS_F32(0, a_tex);
 #ifdef FIXED16
 TEXELS_U32(1, w_tex);
-layout(set = 0, binding = 5) readonly buffer Scale { float scale[]; };
+TEXELS_F32(5, scale);
 #else
 TEXELS_F32(1, w_tex);
 #endif
-layout(set = 0, binding = 2) readonly buffer Bias { float bias[]; };
+TEXELS_F32(2, bias);
 TEXELS_F32(3, aux_tex);
 layout(set = 0, binding = 4) writeonly buffer C { vec4 c[]; };
 
@@ -47,9 +47,9 @@ void main() {
         int row_texel = min(row, p.m - 1) * (p.n / 4);
         [[unroll]] for (int b = 0; b < BLOCKS; ++b) {
             int column = (block0 + b) * 8 + lane;
-            float shift = bias[column];
+            float shift = texel_pick(bias, column);
 #ifdef FIXED16
-            float unit = scale[column];
+            float unit = texel_pick(scale, column);
 #else
             const float unit = 1.0;
 #endif

@@ -5,13 +5,14 @@
 //   twin kernels/src/reference/nn/pack.rs
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint n; uint k; uint stride_n; uint stride_k; uint total; } p;
-layout(set = 0, binding = 0) readonly buffer Src { float src[]; };
+TEXELS_F32(0, src);
 layout(set = 0, binding = 1) writeonly buffer Packed { vec4 packed[]; };
 
 float at(uint row, uint col) {
     bool inside = row < p.n && col < p.k;
-    float value = src[inside ? row * p.stride_n + col * p.stride_k : 0u];
+    float value = texel_pick(src, inside ? row * p.stride_n + col * p.stride_k : 0u);
     return inside ? value : 0.0;
 }
 

@@ -5,13 +5,14 @@
 //   twin kernels/src/reference/nn/transpose.rs
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint rows; uint cols; } p;
-layout(set = 0, binding = 0) readonly buffer X { float x[]; };
+TEXELS_F32(0, x);
 layout(set = 0, binding = 1) writeonly buffer Y { vec4 y[]; };
 
 float at(uint row, uint col) {
     bool inside = row < p.rows;
-    float value = x[(inside ? row : 0u) * p.cols + col];
+    float value = texel_pick(x, (inside ? row : 0u) * p.cols + col);
     return inside ? value : 0.0;
 }
 

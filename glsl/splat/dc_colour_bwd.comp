@@ -14,14 +14,14 @@ layout(push_constant) uniform Params { uint num_visible; } p;
 TEXELS_F32(0, base);
 TEXELS_F32(1, offsets);
 TEXELS_F32(2, v_colours);
-layout(set = 0, binding = 3) readonly buffer SplatFromVisible { uint splat_from_visible[]; };
+TEXELS_U32(3, splat_from_visible);
 TEXELS_F32(4, v_before);
 layout(set = 0, binding = 5) writeonly buffer VOffsets { vec4 v_offsets[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.num_visible) return;
-    int splat = int(splat_from_visible[i]);
+    int splat = int(texel_pick(splat_from_visible, i));
     vec3 raw = texel_load(base, int(i)).xyz + SH_CONSTANT * texel_load(offsets, splat).xyz;
     vec3 v = sh_unclamped(raw, texel_load(v_colours, int(i)).xyz);
     v_offsets[splat] = texel_load(v_before, splat) + vec4(SH_CONSTANT * v, 0.0);

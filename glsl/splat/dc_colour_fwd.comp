@@ -14,13 +14,13 @@ layout(constant_id = 0) const uint HAS_OFFSETS = 1;
 layout(push_constant) uniform Params { uint num_visible; } p;
 TEXELS_F32(0, base);
 TEXELS_F32(1, offsets);
-layout(set = 0, binding = 2) readonly buffer SplatFromVisible { uint splat_from_visible[]; };
+TEXELS_U32(2, splat_from_visible);
 layout(set = 0, binding = 3) buffer Colours { vec4 colours[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.num_visible) return;
     vec3 raw = texel_load(base, int(i)).xyz;
-    if (HAS_OFFSETS == 1u) raw += SH_CONSTANT * texel_load(offsets, int(splat_from_visible[i])).xyz;
+    if (HAS_OFFSETS == 1u) raw += SH_CONSTANT * texel_load(offsets, int(texel_pick(splat_from_visible, i))).xyz;
     colours[i] = vec4(sh_unclamped(raw, raw), 0.0);
 }

@@ -25,7 +25,7 @@ const uint BATCH = 32u;
 // One more than the pixels, so that the weights of neighbouring splats fall into different banks.
 const uint WEIGHT_STRIDE = PIXELS + 1u;
 shared vec4 batch_shape[BATCH];
-shared vec4 batch_rest[BATCH];
+shared vec2 batch_rest[BATCH];
 shared float weights[BATCH * WEIGHT_STRIDE];
 shared vec4 v_pixel[PIXELS];
 shared vec4 upper_half[BATCH];
@@ -46,16 +46,17 @@ void main() {
         if (half_of_tile == 0u) {
             uint splat = valid ? splat_from_isect[at + id] : 0u;
             batch_shape[id] = valid ? geom[2u * splat] : vec4(0.0);
-            batch_rest[id] = valid ? geom[2u * splat + 1u] : vec4(0.0);
+            vec4 rest = geom[2u * splat + 1u];
+            batch_rest[id] = vec2(rest.x, valid ? log2(rest.y) : NO_SPLAT);
         }
         barrier();
         uint j = 0u;
         do {
             [[unroll]] for (uint u = 0u; u < 8u; ++u) {
                 vec4 shape = batch_shape[j + u];
-                vec4 rest = batch_rest[j + u];
+                vec2 rest = batch_rest[j + u];
                 float dx = shape.x - float(x);
-                float alpha = splat_alpha(shape.z * dx * dx, shape.w * dx, rest.x, rest.y, shape.y - float(y));
+                float alpha = splat_alpha(shape.z * dx * dx + rest.y, shape.w * dx, rest.x, rest.y, shape.y - float(y));
                 weights[(j + u) * WEIGHT_STRIDE + id] = blend_weight(alpha, t);
             }
             j += 8u;

@@ -6,17 +6,18 @@
 #extension GL_GOOGLE_include_directive : require
 #include "lib/raster.glsl"
 layout(local_size_x = 8) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params {
     uint width, height, tiles_x, num_active, num_tiles, out_offset;
     float background_r, background_g, background_b;
 } p;
-layout(set = 0, binding = 0) readonly buffer TileOrder { uint tile_order[]; };
+TEXELS_U32(0, tile_order);
 layout(set = 0, binding = 1) buffer Image { vec4 image[]; };
 
 void main() {
     uint index = p.num_active + workgroup_index();
     if (index >= p.num_tiles) return;
-    uint tile = tile_order[index];
+    uint tile = texel_pick(tile_order, index);
     uint x = (tile % p.tiles_x) * 8u + gl_LocalInvocationID.x, y = (tile / p.tiles_x) * 8u;
     [[unroll]] for (uint k = 0u; k < 8u; ++k) {
         if (x < p.width && y + k < p.height) {

@@ -11,6 +11,8 @@ layout(local_size_x = 8) in;
 #include "lib/shuffle.glsl"
 #include "lib/lanes.glsl"
 #include "lib/raster.glsl"
+// 1 when no tile juts out of the image and no workgroup is one too many: then nothing is stored under a mask.
+layout(constant_id = 0) const uint WHOLE = 0;
 layout(push_constant) uniform Params {
     uint width, height, tiles_x, num_active, tile_stride, out_offset;
     float background_r, background_g, background_b;
@@ -18,17 +20,17 @@ layout(push_constant) uniform Params {
 TEXELS_F32(0, geom);
 TEXELS_F32(1, colours);
 TEXELS_U32(2, splat_from_isect);
-layout(set = 0, binding = 3) readonly buffer TileOffsets { uint tile_offsets[]; };
-layout(set = 0, binding = 5) readonly buffer TileOrder { uint tile_order[]; };
+TEXELS_U32(3, tile_offsets);
+TEXELS_U32(5, tile_order);
 layout(set = 0, binding = 4) buffer Image { vec4 image[]; };
 
 void main() {
     uint lane = gl_LocalInvocationID.x;
-    if (workgroup_index() >= p.num_active) return;
-    uint tile = tile_order[interleaved(workgroup_index(), p.tile_stride, p.num_active)];
+    if (WHOLE == 0u && workgroup_index() >= p.num_active) return;
+    uint tile = texel_pick(tile_order, interleaved(workgroup_index(), p.tile_stride, p.num_active));
     uint x = (tile % p.tiles_x) * 8u + lane, y = (tile / p.tiles_x) * 8u;
     float px = float(x), py = float(y);
-    uint at = tile_offsets[tile], end = tile_offsets[tile + 1u];
+    uint at = texel_pick(tile_offsets, tile), end = texel_pick(tile_offsets, tile + 1u);
     float t[8], r[8], g[8], b[8];
     [[unroll]] for (int k = 0; k < 8; ++k) {
         // A pixel outside the image starts stopped.
@@ -39,27 +41,31 @@ void main() {
     do {
         uint i = at + lane;
         bool valid = i < end;
-        uint splat = pick(texel_load(splat_from_isect, int(i >> 2)), i);
+        uint splat = texel_pick(splat_from_isect, i);
         splat = valid ? splat : 0u;
         vec4 shape = texel_load(geom, int(2u * splat));
         vec4 rest = texel_load(geom, int(2u * splat + 1u));
         vec4 colour = mix(vec4(0.0), texel_load(colours, int(splat)), bvec4(valid));
-        float opacity = valid ? rest.y : 0.0;
+        float log_opacity = valid ? log2(rest.y) : NO_SPLAT;
+        // One splat after the other for each row of pixels: sums and transmittances then stay in registers.
+        float peak[8], bx[8], c[8], lo[8], top[8], cr[8], cg[8], cb[8];
         [[unroll]] for (int j = 0; j < 8; ++j) {
             float dx = lane_shuffle(shape.x, j) - px;
-            float top = lane_shuffle(shape.y, j) - py;
-            float ax = lane_shuffle(shape.z, j) * dx * dx;
-            float bx = lane_shuffle(shape.w, j) * dx;
-            float c = lane_shuffle(rest.x, j);
-            float o = lane_shuffle(opacity, j);
-            float cr = lane_shuffle(colour.x, j);
-            float cg = lane_shuffle(colour.y, j);
-            float cb = lane_shuffle(colour.z, j);
-            [[unroll]] for (int k = 0; k < 8; ++k) {
-                float weight = blend_weight(splat_alpha(ax, bx, c, o, top - float(k)), t[k]);
-                r[k] += weight * cr;
-                g[k] += weight * cg;
-                b[k] += weight * cb;
+            top[j] = lane_shuffle(shape.y, j) - py;
+            lo[j] = lane_shuffle(log_opacity, j);
+            peak[j] = lane_shuffle(shape.z, j) * dx * dx + lo[j];
+            bx[j] = lane_shuffle(shape.w, j) * dx;
+            c[j] = lane_shuffle(rest.x, j);
+            cr[j] = lane_shuffle(colour.x, j);
+            cg[j] = lane_shuffle(colour.y, j);
+            cb[j] = lane_shuffle(colour.z, j);
+        }
+        [[unroll]] for (int k = 0; k < 8; ++k) {
+            [[unroll]] for (int j = 0; j < 8; ++j) {
+                float weight = blend_weight(splat_alpha(peak[j], bx[j], c[j], lo[j], top[j] - float(k)), t[k]);
+                r[k] += weight * cr[j];
+                g[k] += weight * cg[j];
+                b[k] += weight * cb[j];
             }
         }
         live = t[0];
@@ -70,7 +76,7 @@ void main() {
     vec3 background = vec3(p.background_r, p.background_g, p.background_b);
     [[unroll]] for (int k = 0; k < 8; ++k) {
         float final_t = abs(t[k]);
-        if (x < p.width && y + uint(k) < p.height) {
+        if (WHOLE == 1u || (x < p.width && y + uint(k) < p.height)) {
             image[p.out_offset + (y + uint(k)) * p.width + x] =
                 vec4(vec3(r[k], g[k], b[k]) + final_t * background, final_t);
         }

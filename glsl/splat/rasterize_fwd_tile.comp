@@ -3,7 +3,7 @@
 //   in   geom [V,8] = mean2d.xy, conic.ab | conic.c, opacity, depth, -   colours [V,4]   tile_offsets [tiles+1]   tile_order [tiles] active ones first
 //        splat_from_isect [I] front to back inside a tile
 //   out  image [..,H,W,4] = rgb over the background, final transmittance (=), from pixel `out_offset` on
-//   Splats come in batches of 64 through 3 KiB of shared memory; a tile ends with the batch in which its last pixel stops.
+//   Splats come in batches of 64 through 2.5 KiB of shared memory; a tile ends with the batch in which its last pixel stops.
 //   a splat meets all pixels of its tiles, with weight 0 where it is skipped: a colour that is not finite makes those NaN
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -22,7 +22,7 @@ layout(set = 0, binding = 4) buffer Image { vec4 image[]; };
 
 const uint BATCH = 64u;
 shared vec4 batch_shape[BATCH];
-shared vec4 batch_rest[BATCH];
+shared vec2 batch_rest[BATCH];
 shared vec4 batch_colour[BATCH];
 shared uint live;
 
@@ -40,7 +40,8 @@ void main() {
         bool valid = at + id < end;
         uint splat = valid ? splat_from_isect[at + id] : 0u;
         batch_shape[id] = valid ? geom[2u * splat] : vec4(0.0);
-        batch_rest[id] = valid ? geom[2u * splat + 1u] : vec4(0.0);
+        vec4 rest = geom[2u * splat + 1u];
+        batch_rest[id] = vec2(rest.x, valid ? log2(rest.y) : NO_SPLAT);
         batch_colour[id] = valid ? colours[splat] : vec4(0.0);
         if (id == 0u) live = 0u;
         barrier();
@@ -48,9 +49,9 @@ void main() {
         do {
             [[unroll]] for (uint u = 0u; u < 8u; ++u) {
                 vec4 shape = batch_shape[j + u];
-                vec4 rest = batch_rest[j + u];
+                vec2 rest = batch_rest[j + u];
                 float dx = shape.x - float(x);
-                float alpha = splat_alpha(shape.z * dx * dx, shape.w * dx, rest.x, rest.y, shape.y - float(y));
+                float alpha = splat_alpha(shape.z * dx * dx + rest.y, shape.w * dx, rest.x, rest.y, shape.y - float(y));
                 sum += blend_weight(alpha, t) * batch_colour[j + u].rgb;
             }
             j += 8u;

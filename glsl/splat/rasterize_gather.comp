@@ -9,7 +9,7 @@ layout(local_size_x = 64) in;
 #include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint num_visible, num_slots; } p;
 TEXELS_F32(0, v_slots);
-layout(set = 0, binding = 1) readonly buffer SlotRanges { uint slot_ranges[]; };
+TEXELS_U32(1, slot_ranges);
 layout(set = 0, binding = 2) buffer VColours { vec4 v_colours[]; };
 
 // Four slots a turn: fewer loop-carried updates, and the loop limit of lavapipe stays out of reach.
@@ -24,8 +24,8 @@ void add_four(inout vec3 sum, inout uint at, uint end) {
 void main() {
     uint splat = global_index();
     bool valid = splat < p.num_visible;
-    uint at = valid ? slot_ranges[2u * splat] : 0u;
-    uint end = valid ? slot_ranges[2u * splat + 1u] : 0u;
+    uint at = valid ? texel_pick(slot_ranges, 2u * splat) : 0u;
+    uint end = valid ? texel_pick(slot_ranges, 2u * splat + 1u) : 0u;
     vec3 sum = vec3(0.0);
 #ifdef TILES
     // Asks first: of invocations that leave a bottom-tested loop before others, SwiftShader loses what they loaded last.

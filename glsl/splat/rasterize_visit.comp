@@ -12,19 +12,19 @@ layout(local_size_x = 8) in;
 layout(push_constant) uniform Params { uint width, height, tiles_x, num_active, tile_stride; } p;
 TEXELS_F32(0, geom);
 TEXELS_U32(1, slot_from_isect);
-layout(set = 0, binding = 2) readonly buffer SplatFromSlot { uint splat_from_slot[]; };
-layout(set = 0, binding = 3) readonly buffer TileOffsets { uint tile_offsets[]; };
-layout(set = 0, binding = 6) readonly buffer TileOrder { uint tile_order[]; };
+TEXELS_U32(2, splat_from_slot);
+TEXELS_U32(3, tile_offsets);
+TEXELS_U32(6, tile_order);
 layout(set = 0, binding = 4) buffer KeptIsect { uint kept_isect[]; };
 layout(set = 0, binding = 5) buffer KeptSlot { uint kept_slot[]; };
 
 void main() {
     uint lane = gl_LocalInvocationID.x;
     if (workgroup_index() >= p.num_active) return;
-    uint tile = tile_order[interleaved(workgroup_index(), p.tile_stride, p.num_active)];
+    uint tile = texel_pick(tile_order, interleaved(workgroup_index(), p.tile_stride, p.num_active));
     uint x = (tile % p.tiles_x) * 8u + lane, y = (tile / p.tiles_x) * 8u;
     float px = float(x), py = float(y);
-    uint at = tile_offsets[tile], end = tile_offsets[tile + 1u];
+    uint at = texel_pick(tile_offsets, tile), end = texel_pick(tile_offsets, tile + 1u);
     float t[8];
     [[unroll]] for (int k = 0; k < 8; ++k) {
         // A pixel outside the image starts stopped.
@@ -33,23 +33,23 @@ void main() {
     do {
         uint i = at + lane;
         bool valid = i < end;
-        uint slot = pick(texel_load(slot_from_isect, int(i >> 2)), i);
+        uint slot = texel_pick(slot_from_isect, i);
         slot = valid ? slot : 0u;
-        uint splat = splat_from_slot[slot];
+        uint splat = texel_pick(splat_from_slot, slot);
         vec4 shape = texel_load(geom, int(2u * splat));
         vec4 rest = texel_load(geom, int(2u * splat + 1u));
-        float opacity = valid ? rest.y : 0.0;
+        float log_opacity = valid ? log2(rest.y) : NO_SPLAT;
         float hits[8];
         [[unroll]] for (int j = 0; j < 8; ++j) {
             float dx = lane_shuffle(shape.x, j) - px;
             float top = lane_shuffle(shape.y, j) - py;
-            float ax = lane_shuffle(shape.z, j) * dx * dx;
+            float lo = lane_shuffle(log_opacity, j);
+            float peak = lane_shuffle(shape.z, j) * dx * dx + lo;
             float bx = lane_shuffle(shape.w, j) * dx;
             float c = lane_shuffle(rest.x, j);
-            float o = lane_shuffle(opacity, j);
             hits[j] = 0.0;
             [[unroll]] for (int k = 0; k < 8; ++k) {
-                float alpha = splat_alpha(ax, bx, c, o, top - float(k));
+                float alpha = splat_alpha(peak, bx, c, lo, top - float(k));
                 hits[j] += alpha > 0.0 && t[k] > 0.0 ? 1.0 : 0.0;
                 blend_weight(alpha, t[k]);
             }

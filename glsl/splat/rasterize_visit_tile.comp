@@ -18,7 +18,7 @@ layout(set = 0, binding = 5) buffer KeptSlot { uint kept_slot[]; };
 
 const uint BATCH = 64u;
 shared vec4 batch_shape[BATCH];
-shared vec4 batch_rest[BATCH];
+shared vec2 batch_rest[BATCH];
 shared uint batch_kept[BATCH];
 
 void main() {
@@ -34,16 +34,17 @@ void main() {
         uint slot = valid ? slot_from_isect[at + id] : 0u;
         uint splat = splat_from_slot[slot];
         batch_shape[id] = valid ? geom[2u * splat] : vec4(0.0);
-        batch_rest[id] = valid ? geom[2u * splat + 1u] : vec4(0.0);
+        vec4 rest = geom[2u * splat + 1u];
+        batch_rest[id] = vec2(rest.x, valid ? log2(rest.y) : NO_SPLAT);
         batch_kept[id] = 0u;
         barrier();
         uint j = 0u;
         do {
             [[unroll]] for (uint u = 0u; u < 8u; ++u) {
                 vec4 shape = batch_shape[j + u];
-                vec4 rest = batch_rest[j + u];
+                vec2 rest = batch_rest[j + u];
                 float dx = shape.x - float(x);
-                float alpha = splat_alpha(shape.z * dx * dx, shape.w * dx, rest.x, rest.y, shape.y - float(y));
+                float alpha = splat_alpha(shape.z * dx * dx + rest.y, shape.w * dx, rest.x, rest.y, shape.y - float(y));
                 if (t > 0.0 && alpha > 0.0) atomicOr(batch_kept[j + u], 1u);
                 blend_weight(alpha, t);
             }

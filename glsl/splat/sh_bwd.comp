@@ -18,14 +18,14 @@ TEXELS_F32(0, sh_coeffs);
 TEXELS_F32(1, offsets);
 TEXELS_F32(2, dirs);
 TEXELS_F32(3, v_colours);
-layout(set = 0, binding = 4) readonly buffer SplatFromVisible { uint splat_from_visible[]; };
+TEXELS_U32(4, splat_from_visible);
 TEXELS_F32(5, v_before);
 layout(set = 0, binding = 6) writeonly buffer VOffsets { vec4 v_offsets[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.num_visible) return;
-    uint splat = splat_from_visible[i];
+    uint splat = texel_pick(splat_from_visible, i);
     uint row = 12u * splat;
     uint offset_row = OFFSET_TEXELS * splat;
     float y[16];

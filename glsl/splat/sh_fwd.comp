@@ -17,13 +17,13 @@ layout(push_constant) uniform Params { uint num_visible; } p;
 TEXELS_F32(0, sh_coeffs);
 TEXELS_F32(1, offsets);
 TEXELS_F32(2, dirs);
-layout(set = 0, binding = 3) readonly buffer SplatFromVisible { uint splat_from_visible[]; };
+TEXELS_U32(3, splat_from_visible);
 layout(set = 0, binding = 4) buffer Colours { vec4 colours[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.num_visible) return;
-    uint splat = splat_from_visible[i];
+    uint splat = texel_pick(splat_from_visible, i);
     int row = int(12u * splat);
     int offset_row = int(OFFSET_TEXELS * splat);
     float y[16];

@@ -10,13 +10,13 @@ layout(local_size_x = 64) in;
 layout(push_constant) uniform Params { uint n, bands, band_rows; } p;
 TEXELS_F32(0, geom);
 TEXELS_U32(1, tile_rects);
-layout(set = 0, binding = 2) readonly buffer Order { uint order[]; };
+TEXELS_U32(2, order);
 layout(set = 0, binding = 3) buffer Counts { uint counts[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.n * p.bands) return;
-    uint band = i % p.bands, splat = order[i / p.bands];
+    uint band = i % p.bands, splat = texel_pick(order, i / p.bands);
     uvec4 rect = texel_load(tile_rects, int(splat));
     uint first = clamp(band * p.band_rows, rect.y, rect.w), last = clamp((band + 1u) * p.band_rows, rect.y, rect.w);
     TileTest test = tile_test(texel_load(geom, int(2u * splat)), texel_load(geom, int(2u * splat + 1u)));

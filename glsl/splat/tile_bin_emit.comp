@@ -10,8 +10,8 @@ layout(local_size_x = 64) in;
 layout(push_constant) uniform Params { uint n, bands, band_rows, tiles_x; } p;
 TEXELS_F32(0, geom);
 TEXELS_U32(1, tile_rects);
-layout(set = 0, binding = 2) readonly buffer Order { uint order[]; };
-layout(set = 0, binding = 3) readonly buffer SlotOffsets { uint slot_offsets[]; };
+TEXELS_U32(2, order);
+TEXELS_U32(3, slot_offsets);
 layout(set = 0, binding = 4) buffer TileKeys { uint tile_keys[]; };
 layout(set = 0, binding = 5) buffer Slots { uint slots[]; };
 layout(set = 0, binding = 6) buffer SplatFromSlot { uint splat_from_slot[]; };
@@ -19,12 +19,12 @@ layout(set = 0, binding = 6) buffer SplatFromSlot { uint splat_from_slot[]; };
 void main() {
     uint i = global_index();
     if (i >= p.n * p.bands) return;
-    uint band = i % p.bands, splat = order[i / p.bands];
+    uint band = i % p.bands, splat = texel_pick(order, i / p.bands);
     uvec4 rect = texel_load(tile_rects, int(splat));
     uint first = clamp(band * p.band_rows, rect.y, rect.w), last = clamp((band + 1u) * p.band_rows, rect.y, rect.w);
     TileTest test = tile_test(texel_load(geom, int(2u * splat)), texel_load(geom, int(2u * splat + 1u)));
     uint total = (rect.z - rect.x) * (last - first), j = 0u;
-    uint slot = slot_offsets[i], end = slot_offsets[i + 1u];
+    uint slot = texel_pick(slot_offsets, i), end = texel_pick(slot_offsets, i + 1u);
     uvec2 tile = uvec2(rect.x, first);
     do {
         if (j < total && slot < end && tile_reached(test, tile)) {

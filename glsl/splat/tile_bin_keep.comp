@@ -5,16 +5,17 @@
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint n, bands; } p;
-layout(set = 0, binding = 0) readonly buffer SlotOffsets { uint slot_offsets[]; };
-layout(set = 0, binding = 1) readonly buffer KeptSlots { uint kept_slots[]; };
-layout(set = 0, binding = 2) readonly buffer Order { uint order[]; };
+TEXELS_U32(0, slot_offsets);
+TEXELS_U32(1, kept_slots);
+TEXELS_U32(2, order);
 layout(set = 0, binding = 3) buffer Visible { uint visible[]; };
 
 void main() {
     uint rank = global_index();
     if (rank >= p.n) return;
-    uint first = kept_slots[slot_offsets[rank * p.bands]];
-    uint last = kept_slots[slot_offsets[(rank + 1u) * p.bands]];
-    visible[order[rank]] = last > first ? 1u : 0u;
+    uint first = texel_pick(kept_slots, texel_pick(slot_offsets, rank * p.bands));
+    uint last = texel_pick(kept_slots, texel_pick(slot_offsets, (rank + 1u) * p.bands));
+    visible[texel_pick(order, rank)] = last > first ? 1u : 0u;
 }

@@ -6,21 +6,22 @@
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint num_isects; } p;
-layout(set = 0, binding = 0) readonly buffer Slots { uint slots[]; };
-layout(set = 0, binding = 1) readonly buffer SplatFromSlot { uint splat_from_slot[]; };
-layout(set = 0, binding = 2) readonly buffer Visible { uint visible[]; };
-layout(set = 0, binding = 3) readonly buffer KeptIsects { uint kept_isects[]; };
-layout(set = 0, binding = 4) readonly buffer KeptSlots { uint kept_slots[]; };
+TEXELS_U32(0, slots);
+TEXELS_U32(1, splat_from_slot);
+TEXELS_U32(2, visible);
+TEXELS_U32(3, kept_isects);
+TEXELS_U32(4, kept_slots);
 layout(set = 0, binding = 5) buffer SplatFromIsect { uint splat_from_isect[]; };
 layout(set = 0, binding = 6) buffer SlotFromIsect { uint slot_from_isect[]; };
 
 void main() {
     uint i = global_index();
     if (i >= p.num_isects) return;
-    uint to = kept_isects[i];
-    if (kept_isects[i + 1u] == to) return;
-    uint slot = slots[i];
-    splat_from_isect[to] = visible[splat_from_slot[slot]];
-    slot_from_isect[to] = kept_slots[slot];
+    uint to = texel_pick(kept_isects, i);
+    if (texel_pick(kept_isects, i + 1u) == to) return;
+    uint slot = texel_pick(slots, i);
+    splat_from_isect[to] = texel_pick(visible, texel_pick(splat_from_slot, slot));
+    slot_from_isect[to] = texel_pick(kept_slots, slot);
 }

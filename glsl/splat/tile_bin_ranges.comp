@@ -5,8 +5,9 @@
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
+#include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint num_tiles, num_isects; } p;
-layout(set = 0, binding = 0) readonly buffer TileKeys { uint tile_keys[]; };
+TEXELS_U32(0, tile_keys);
 layout(set = 0, binding = 1) buffer TileOffsets { uint tile_offsets[]; };
 
 void main() {
@@ -17,7 +18,7 @@ void main() {
     for (uint step = 0u; step < 32u; ++step) {
         uint mid = low + (high - low) / 2u;
         bool open = low < high;
-        bool right = open && tile_keys[open ? mid : 0u] < tile;
+        bool right = open && texel_pick(tile_keys, open ? mid : 0u) < tile;
         low = right ? mid + 1u : low;
         high = open && !right ? mid : high;
     }

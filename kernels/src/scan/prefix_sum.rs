@@ -48,8 +48,10 @@ pub fn exclusive(
     let grid = Grid::threads(lanes);
     let bind = prefix_sum_partial::Bind { data, sums: &mut scratch.sums };
     rec.dispatch(bind, prefix_sum_partial::Params { n: dim(n), chunk: dim(chunk) }, grid)?;
-    let bind = prefix_sum_spine::Bind { sums: &mut scratch.sums };
+    let before = scratch.sums.alias();
+    let bind = prefix_sum_spine::Bind { before: &before, sums: &mut scratch.sums };
     rec.dispatch(bind, prefix_sum_spine::Params { lanes: dim(lanes) }, Grid::groups(1, 1, 1))?;
-    let bind = prefix_sum_apply::Bind { starts: &scratch.sums, data };
+    let before = data.alias();
+    let bind = prefix_sum_apply::Bind { starts: &scratch.sums, before: &before, data };
     rec.dispatch(bind, prefix_sum_apply::Params { n: dim(n), chunk: dim(chunk) }, grid)
 }

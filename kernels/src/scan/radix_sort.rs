@@ -96,19 +96,20 @@ fn one_digit(
     let lanes = lanes(n);
     let chunk = dim(n.div_ceil(4).div_ceil(lanes));
     let (bins, grid) = (1usize << digit_bits, Grid::threads(lanes));
-    let (n, lanes_dim, mask) = (dim(n), dim(lanes), dim(bins - 1));
-    rec.fill(&mut pairs.table, 0);
-    let params = radix_sort_count::Params { n, chunk, lanes: lanes_dim, shift, mask };
-    rec.dispatch(radix_sort_count::Bind { keys: &pairs.keys, table: &mut pairs.table }, params, grid)?;
+    let (n, lanes_dim) = (dim(n), dim(lanes));
+    let params = radix_sort_count::Params { n, chunk, lanes: lanes_dim, shift };
+    let spec = radix_sort_count::Spec { bins: dim(bins) };
+    rec.dispatch_spec(radix_sort_count::Bind { keys: &pairs.keys, table: &mut pairs.table }, params, spec, grid)?;
     prefix_sum::exclusive(rec, &mut pairs.table, bins * lanes, &mut pairs.scan)?;
     let bind = radix_sort_scatter::Bind {
         keys: &pairs.keys,
         values: &pairs.values,
-        table: &mut pairs.table,
+        table: &pairs.table,
         sorted_keys: &mut pairs.other_keys,
         sorted_values: &mut pairs.other_values,
     };
-    rec.dispatch(bind, radix_sort_scatter::Params { n, chunk, lanes: lanes_dim, shift, mask }, grid)?;
+    let params = radix_sort_scatter::Params { n, chunk, lanes: lanes_dim, shift };
+    rec.dispatch_spec(bind, params, radix_sort_scatter::Spec { bins: dim(bins) }, grid)?;
     swap(&mut pairs.keys, &mut pairs.other_keys);
     swap(&mut pairs.values, &mut pairs.other_values);
     Ok(())

@@ -14,6 +14,9 @@ const TILE: u32 = 8;
 /// Most tiles of an image: one invocation may walk a splat's tiles by four within lavapipe's loop limit.
 const MAX_TILES: u32 = 4 * 65_535;
 
+/// Workgroups along x that every device takes; more may spill into y and leave some over.
+const GROUPS_IN_ROW: usize = 65_535;
+
 /// An image cut into 8 x 8 tiles, row by row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TileGrid {
@@ -132,7 +135,7 @@ pub fn forward(
     require_len(KERNEL, "clip", frame.clip.len(), 4 * grid.num_pixels() * (frame.index + 1))?;
     /// Binds and runs the program of one family; only the module that the types come from differs.
     macro_rules! blend {
-        ($module:ident, $grid:expr) => {{
+        ($module:ident, $grid:expr, $spec:expr) => {{
             let bind = $module::Bind {
                 geom: &lists.geom,
                 colours,
@@ -152,12 +155,15 @@ pub fn forward(
                 background_g: background[1],
                 background_b: background[2],
             };
-            rec.dispatch(bind, params, $grid)
+            rec.dispatch_spec(bind, params, $spec, $grid)
         }};
     }
     match rec.family() {
-        KernelFamily::Lanes => blend!(rasterize_fwd, workgroups(lists.num_active))?,
-        KernelFamily::Tiles => blend!(rasterize_fwd_tile, pixel_workgroups(lists.num_active))?,
+        KernelFamily::Lanes => {
+            let spec = rasterize_fwd::Spec { whole: u32::from(is_whole(lists)) };
+            blend!(rasterize_fwd, workgroups(lists.num_active), spec)?;
+        }
+        KernelFamily::Tiles => blend!(rasterize_fwd_tile, pixel_workgroups(lists.num_active), ())?,
     }
     clear(rec, lists, background, frame)
 }
@@ -242,6 +248,12 @@ pub fn backward(
 /// One workgroup per tile, a lane for each of its columns.
 pub(super) fn workgroups(tiles: usize) -> Grid {
     Grid::threads(tiles * TILE as usize)
+}
+
+/// Whether tiles cover the image exactly and workgroups the tiles, so that no store needs a mask.
+fn is_whole(lists: &VisibleLists) -> bool {
+    let TileGrid { width, height } = lists.grid;
+    width.is_multiple_of(TILE) && height.is_multiple_of(TILE) && lists.num_active <= GROUPS_IN_ROW
 }
 
 /// One workgroup per tile, an invocation for each of its pixels.
