@@ -6,7 +6,7 @@ use super::{as_i32, as_u32, expect_len, expect_multiple, transpose};
 use crate::registry::nn::{
     matmul_fwd, matmul_fwd_coop, matmul_fwd_fixed16, matmul_fwd_fixed16_tile, matmul_fwd_tile, matmul_gradient_tile,
 };
-use crate::vk::COOP_TILE;
+use crate::vk::{COOP_TILE, Cooperation};
 use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder};
 
 const KERNEL: &str = "nn/matmul";
@@ -90,28 +90,56 @@ pub fn forward(rec: &mut Recorder, product: &Product, c: &mut Buffer<f32>) -> Re
         rec.fill(c, 0.0);
         return Ok(());
     }
-    let operands = Operands { a, weight, bias, aux, mode, activation };
-    match (&weight.elements, rec.family()) {
-        (Elements::F32(w), KernelFamily::Lanes) => lanes_f32(rec, &operands, w, rows, c),
-        (Elements::F32(w), KernelFamily::Tiles) => tiles_f32(rec, &operands, w, rows, c),
-        (Elements::Fixed16 { codes, scale }, KernelFamily::Lanes) => {
-            lanes_fixed16(rec, &operands, (codes, scale), rows, c)
-        }
-        (Elements::Fixed16 { codes, scale }, KernelFamily::Tiles) => {
-            tiles_fixed16(rec, &operands, (codes, scale), rows, c)
-        }
-        (Elements::Half(w), _) => forward_coop(rec, &operands, w, rows, c),
-    }
+    dispatch(rec, &Operands { a, rows, weight, bias, aux, mode, activation: activation.code() }, c)
 }
 
-/// A product whose lengths are checked; `mode` is the shaders' constant of the epilogue.
+/// A product whose lengths are checked; `mode` and `activation` are the shaders' constants of the epilogue.
 struct Operands<'a> {
     a: &'a Buffer<f32>,
+    rows: usize,
     weight: &'a PackedWeight,
     bias: &'a Buffer<f32>,
     aux: &'a Buffer<f32>,
     mode: u32,
-    activation: Activation,
+    activation: u32,
+}
+
+/// Runs the program for the device's family and the weight's precision.
+fn dispatch(rec: &mut Recorder, operands: &Operands, c: &mut Buffer<f32>) -> Result<(), KernelError> {
+    let Operands { a, rows, weight, bias, aux, mode, activation } = *operands;
+    let (n, k) = (weight.n(), weight.k());
+    /// Binds and runs one program; they differ in how they cut C and in what they call their operands.
+    macro_rules! multiply {
+        ($module:ident, $grid:expr, { $($size:ident: $value:expr),* }, { $($operand:ident: $buffer:expr),* }) => {{
+            let spec = $module::Spec { mode, activation, $($size: $value),* };
+            let params = $module::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
+            rec.dispatch_spec($module::Bind { bias, c, $($operand: $buffer),* }, params, spec, $grid)
+        }};
+    }
+    let (blocks, lane_grid) = lane_tiling(rows, n);
+    let (per_thread, tile_grid) = tiling(rows, n);
+    match (&weight.elements, rec.family()) {
+        (Elements::F32(w), KernelFamily::Lanes) => {
+            multiply!(matmul_fwd, lane_grid, { blocks: blocks }, { a_tex: a, w_tex: w, aux_tex: aux })
+        }
+        (Elements::F32(w), KernelFamily::Tiles) => {
+            multiply!(matmul_fwd_tile, tile_grid, { rows: per_thread }, { a: a, w: w, aux: aux })
+        }
+        (Elements::Fixed16 { codes: w, scale }, KernelFamily::Lanes) => {
+            multiply!(matmul_fwd_fixed16, lane_grid, { blocks: blocks }, { a_tex: a, w_tex: w, aux_tex: aux, scale: scale })
+        }
+        (Elements::Fixed16 { codes: w, scale }, KernelFamily::Tiles) => {
+            multiply!(matmul_fwd_fixed16_tile, tile_grid, { rows: per_thread }, { a: a, w: w, aux: aux, scale: scale })
+        }
+        (Elements::Half(w), _) => {
+            let Cooperation { m: tm, n: tn, k: tk, subgroups, row_blocks } = rec.cooperation()?;
+            let grid = Grid::groups(as_u32(rows).div_ceil(COOP_TILE), as_u32(n).div_ceil(COOP_TILE), 1);
+            let bind = matmul_fwd_coop::Bind { a, w, bias, aux, c };
+            let spec = matmul_fwd_coop::Spec { tm, tn, tk, subgroups, row_blocks, mode, activation };
+            let params = matmul_fwd_coop::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
+            rec.dispatch_spec(bind, params, spec, grid)
+        }
+    }
 }
 
 /// Lane-blocks of a tile of the lane kernels, and the workgroups that cover C.
@@ -120,96 +148,13 @@ fn lane_tiling(rows: usize, n: usize) -> (i32, Grid) {
     (as_i32(blocks), Grid::groups(as_u32(rows.div_ceil(TILE_ROWS)), as_u32(n / LANES / blocks), 1))
 }
 
-fn lanes_f32(
-    rec: &mut Recorder,
-    operands: &Operands,
-    w: &Buffer<f32>,
-    rows: usize,
-    c: &mut Buffer<f32>,
-) -> Result<(), KernelError> {
-    let Operands { a, weight, bias, aux, mode, activation } = *operands;
-    let (blocks, grid) = lane_tiling(rows, weight.n());
-    let spec = matmul_fwd::Spec { blocks, mode, activation: activation.code() };
-    let params = matmul_fwd::Params { m: as_i32(rows), n: as_i32(weight.n()), k: as_i32(weight.k()) };
-    rec.dispatch_spec(matmul_fwd::Bind { a_tex: a, w_tex: w, bias, aux_tex: aux, c }, params, spec, grid)
-}
-
-fn lanes_fixed16(
-    rec: &mut Recorder,
-    operands: &Operands,
-    (codes, scale): (&Buffer<u32>, &Buffer<f32>),
-    rows: usize,
-    c: &mut Buffer<f32>,
-) -> Result<(), KernelError> {
-    let Operands { a, weight, bias, aux, mode, activation } = *operands;
-    let (blocks, grid) = lane_tiling(rows, weight.n());
-    let spec = matmul_fwd_fixed16::Spec { blocks, mode, activation: activation.code() };
-    let params = matmul_fwd_fixed16::Params { m: as_i32(rows), n: as_i32(weight.n()), k: as_i32(weight.k()) };
-    let bind = matmul_fwd_fixed16::Bind { a_tex: a, w_tex: codes, bias, aux_tex: aux, c, scale };
-    rec.dispatch_spec(bind, params, spec, grid)
-}
-
-fn tiles_f32(
-    rec: &mut Recorder,
-    operands: &Operands,
-    w: &Buffer<f32>,
-    rows: usize,
-    c: &mut Buffer<f32>,
-) -> Result<(), KernelError> {
-    let Operands { a, weight, bias, aux, mode, activation } = *operands;
-    let (n, k) = (weight.n(), weight.k());
-    let (per_thread, grid) = tiling(rows, n);
-    let spec = matmul_fwd_tile::Spec { rows: as_i32(per_thread), mode, activation: activation.code() };
-    let params = matmul_fwd_tile::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
-    let bind = matmul_fwd_tile::Bind { a, w, bias, aux, c };
-    rec.dispatch_spec(bind, params, spec, grid)
-}
-
-fn tiles_fixed16(
-    rec: &mut Recorder,
-    operands: &Operands,
-    (codes, scale): (&Buffer<u32>, &Buffer<f32>),
-    rows: usize,
-    c: &mut Buffer<f32>,
-) -> Result<(), KernelError> {
-    let Operands { a, weight, bias, aux, mode, activation } = *operands;
-    let (per_thread, grid) = tiling(rows, weight.n());
-    let spec = matmul_fwd_fixed16_tile::Spec { rows: as_i32(per_thread), mode, activation: activation.code() };
-    let params = matmul_fwd_fixed16_tile::Params { m: as_i32(rows), n: as_i32(weight.n()), k: as_i32(weight.k()) };
-    rec.dispatch_spec(matmul_fwd_fixed16_tile::Bind { a, w: codes, bias, aux, c, scale }, params, spec, grid)
-}
-
-fn forward_coop(
-    rec: &mut Recorder,
-    operands: &Operands,
-    w: &Buffer<u32>,
-    rows: usize,
-    c: &mut Buffer<f32>,
-) -> Result<(), KernelError> {
-    let Operands { a, weight, bias, aux, mode, activation } = *operands;
-    let (n, k) = (weight.n(), weight.k());
-    let cooperation = rec.cooperation()?;
-    let spec = matmul_fwd_coop::Spec {
-        tm: cooperation.m,
-        tn: cooperation.n,
-        tk: cooperation.k,
-        subgroups: cooperation.subgroups,
-        row_blocks: cooperation.row_blocks,
-        mode,
-        activation: activation.code(),
-    };
-    let params = matmul_fwd_coop::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
-    let grid = Grid::groups(as_u32(rows).div_ceil(COOP_TILE), as_u32(n).div_ceil(COOP_TILE), 1);
-    rec.dispatch_spec(matmul_fwd_coop::Bind { a, w, bias, aux, c }, params, spec, grid)
-}
-
 /// Rows per invocation of the tile kernels for a result `[rows, columns]`, and the workgroups that cover it.
-fn tiling(rows: usize, columns: usize) -> (usize, Grid) {
+fn tiling(rows: usize, columns: usize) -> (i32, Grid) {
     let across = columns.div_ceil(TILE_COLUMNS);
     let down = |per_thread: usize| rows.div_ceil(TILE_ROW_THREADS * per_thread);
     let [large, small] = ROWS_PER_THREAD;
     let per_thread = if down(large) * across >= WANTED_GROUPS { large } else { small };
-    (per_thread, Grid::groups(as_u32(down(per_thread)), as_u32(across), 1))
+    (as_i32(per_thread), Grid::groups(as_u32(down(per_thread)), as_u32(across), 1))
 }
 
 /// Operands of [`weight_gradient`] in the order that the lane kernels want them; the tile kernels take them as they are.
@@ -278,7 +223,7 @@ pub fn weight_gradient(
         return Ok(());
     }
     let (per_thread, grid) = tiling(n, k);
-    let spec = matmul_gradient_tile::Spec { rows: as_i32(per_thread) };
+    let spec = matmul_gradient_tile::Spec { rows: per_thread };
     let params = matmul_gradient_tile::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
     rec.dispatch_spec(matmul_gradient_tile::Bind { v_c, a, v_w }, params, spec, grid)
 }

@@ -1,11 +1,11 @@
 //! nn/matmul
 
-use guard4d_kernels::KernelError;
 use guard4d_kernels::nn::activation::Activation;
 use guard4d_kernels::nn::matmul::{Epilogue, GradScratch, Product, forward, weight_gradient};
 use guard4d_kernels::nn::pack::{PackedWeight, Precision};
 use guard4d_kernels::reference::nn::matmul as twin;
 use guard4d_kernels::reference::nn::pack as pack_twin;
+use guard4d_kernels::{Device, KernelError};
 
 use super::{dot, run, unwritten, upload};
 use crate::support::close::assert_close;
@@ -46,29 +46,34 @@ fn twin_gradients_match_differences() {
     assert!(error_a < 1e-6 && error_w < 1e-6, "{error_a} {error_w}");
 }
 
-#[test]
-fn gpu_follows_the_twin() {
-    let Some(gpu) = device() else { return };
+/// Runs every shape with every epilogue on weights of this precision; `check` gets what came out and what the twin says
+/// of operands that went through `operand`.
+fn each_product(gpu: &Device, precision: Precision, operand: fn(&[f32]) -> Vec<f32>, check: impl Fn(&[f32], &[f32])) {
     for (rows, n, k) in SHAPES {
         let mut random = Random((rows * n * k) as u64);
         let (a, w) = (random.vec_f32(rows * k, -1.0, 1.0), random.vec_f32(n * k, -1.0, 1.0));
         let (bias, aux) = (random.vec_f32(n, -1.0, 1.0), random.vec_f32(rows * n, -1.0, 1.0));
-        let weight = PackedWeight::new(&gpu, "w", &w, n, k).expect("packs");
-        let (a_buffer, bias_buffer, aux_buffer) = (upload(&gpu, &a), upload(&gpu, &bias), upload(&gpu, &aux));
+        let weight = PackedWeight::in_precision(gpu, "w", &w, (n, k), precision).expect("packs");
+        let (a_buffer, bias_buffer, aux_buffer) = (upload(gpu, &a), upload(gpu, &bias), upload(gpu, &aux));
         let cases = [
             (Epilogue::Activate(Activation::Relu), twin::Epilogue::Activate(Activation::Relu)),
             (Epilogue::Add(&aux_buffer), twin::Epilogue::Add(&aux)),
             (Epilogue::Grad(Activation::QuickGelu, &aux_buffer), twin::Epilogue::Grad(Activation::QuickGelu, &aux)),
         ];
         for (epilogue, twin_epilogue) in cases {
-            let mut c = unwritten(&gpu, rows * n);
+            let mut c = unwritten(gpu, rows * n);
             let product = Product { a: &a_buffer, rows, weight: &weight, bias: Some(&bias_buffer), epilogue };
-            run(&gpu, |rec| forward(rec, &product, &mut c));
-            let want = twin::forward(&a, &w, &bias, k, twin_epilogue);
-            // k <= 128 terms below 1 in the twin's order: equal but for rounding, which k * 2^-24 bounds.
-            assert_close(&c.read().expect("read"), &want, 1e-5, 1e-5);
+            run(gpu, |rec| forward(rec, &product, &mut c));
+            check(&c.read().expect("read"), &twin::forward(&operand(&a), &operand(&w), &bias, k, twin_epilogue));
         }
     }
+}
+
+#[test]
+fn gpu_follows_the_twin() {
+    let Some(gpu) = device() else { return };
+    // k <= 128 terms below 1 in the twin's order: equal but for rounding, which k * 2^-24 bounds.
+    each_product(&gpu, Precision::F32, <[f32]>::to_vec, |c, want| assert_close(c, want, 1e-5, 1e-5));
 }
 
 #[test]
@@ -129,27 +134,9 @@ fn rounded(x: &[f32]) -> Vec<f32> {
 #[test]
 fn half_precision_follows_the_twin_on_rounded_operands() {
     let Some(gpu) = half_device() else { return };
-    for (rows, n, k) in SHAPES {
-        let mut random = Random((rows * n * k) as u64);
-        let (a, w) = (random.vec_f32(rows * k, -1.0, 1.0), random.vec_f32(n * k, -1.0, 1.0));
-        let (bias, aux) = (random.vec_f32(n, -1.0, 1.0), random.vec_f32(rows * n, -1.0, 1.0));
-        let weight = PackedWeight::in_precision(&gpu, "w", &w, (n, k), Precision::Half).expect("packs");
-        let (a_buffer, bias_buffer, aux_buffer) = (upload(&gpu, &a), upload(&gpu, &bias), upload(&gpu, &aux));
-        let cases = [
-            (Epilogue::Activate(Activation::Relu), twin::Epilogue::Activate(Activation::Relu)),
-            (Epilogue::Add(&aux_buffer), twin::Epilogue::Add(&aux)),
-            (Epilogue::Grad(Activation::QuickGelu, &aux_buffer), twin::Epilogue::Grad(Activation::QuickGelu, &aux)),
-        ];
-        for (epilogue, twin_epilogue) in cases {
-            let mut c = unwritten(&gpu, rows * n);
-            let product = Product { a: &a_buffer, rows, weight: &weight, bias: Some(&bias_buffer), epilogue };
-            run(&gpu, |rec| forward(rec, &product, &mut c));
-            let want = twin::forward(&rounded(&a), &rounded(&w), &bias, k, twin_epilogue);
-            // Products of two f16 are exact in f32. Units that add several at once may drop what lies 2^-22 below the
-            // largest partial sum, here about 10, in each of k/4 steps.
-            assert_close(&c.read().expect("read"), &want, 1e-4, 1e-5);
-        }
-    }
+    // Products of two f16 are exact in f32. Units that add several at once may drop what lies 2^-22 below the largest
+    // partial sum, here about 10, in each of k/4 steps.
+    each_product(&gpu, Precision::Half, rounded, |c, want| assert_close(c, want, 1e-4, 1e-5));
 }
 
 #[test]
