@@ -125,14 +125,14 @@ fn poison_reaches_the_windows_over_it_and_no_further() {
     let mut clean = random.vec_f32(x, 0.1, 1.0);
     clean.extend(random.vec_f32(weight, 0.1, 1.0));
     clean.extend(random.vec_f32(bias + v_y, 0.1, 1.0));
-    let split = |data: &[f32], run: &dyn Fn([&[f32]; 4]) -> [Vec<f32>; 2]| {
+    let split = |data: &[f32]| {
         let (image, rest) = data.split_at(x);
         let (filters, rest) = rest.split_at(weight);
         let (bias, v_y) = rest.split_at(bias);
-        run([image, filters, bias, v_y]).concat()
+        [image, filters, bias, v_y].map(<[f32]>::to_vec)
     };
-    let on_gpu = |data: &[f32]| split(data, &|parts| on_gpu(&gpu, &s, parts));
-    let on_host = |data: &[f32]| split(data, &|parts| on_host(&s, parts));
+    let on_gpu = |data: &[f32]| on_gpu(&gpu, &s, split(data).each_ref().map(Vec::as_slice)).concat();
+    let on_host = |data: &[f32]| on_host(&s, split(data).each_ref().map(Vec::as_slice)).concat();
     // A corner pixel lies in 4 windows, an inner one in 9; an output gradient likewise. 72 terms in other orders.
     let places = [0, (6 + 2) * 8, x + weight + bias, x + weight + bias + (6 + 2) * 8];
     let reach = poison::spread(&clean, &places, (1e-5, 1e-5), on_gpu, on_host);
