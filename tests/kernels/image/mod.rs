@@ -1,4 +1,3 @@
-mod clamp01;
 mod colour_map;
 mod noise;
 mod normalize;
