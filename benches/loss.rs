@@ -45,8 +45,18 @@ fn pictures(bench: &mut Bench) -> Outcome {
     bench.passes(&format!("loss/pixel {label}"), Work::Bytes((48 * PIXELS) as f64, "3·16·F·H·W"), |rec| {
         let pair = PixelPair { image: &clip, image_px: 0, reference: &reference, reference_px: 0, num_px: PIXELS };
         let term = Term { values: &mut values, slot: 0, weight: 1.0, accumulate };
-        pixel::step(rec, (&pair, weights), &mut v_clip, term, &mut sums)
+        pixel::step(rec, (&pair, weights), Some(&mut v_clip), term, &mut sums)
     })?;
+
+    bench.passes(
+        &format!("loss/pixel {label}, values only"),
+        Work::Bytes((32 * PIXELS) as f64, "2·16·F·H·W"),
+        |rec| {
+            let pair = PixelPair { image: &clip, image_px: 0, reference: &reference, reference_px: 0, num_px: PIXELS };
+            let term = Term { values: &mut values, slot: 0, weight: 0.0, accumulate };
+            pixel::step(rec, (&pair, weights), None, term, &mut sums)
+        },
+    )?;
 
     let mut scratch = SsimScratch::new(&bench.device, size, FRAMES)?;
     let mut moments = SsimReference::new(&bench.device, size, FRAMES)?;

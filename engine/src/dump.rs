@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use guard4d_kernels::image::resize::{self, ImageSize as PixelSize, ResizePlan};
+use guard4d_kernels::image::resize::{self, ImageSize as PixelSize, Onward, ResizePlan};
 use guard4d_kernels::loss::Term;
 use guard4d_kernels::loss::ssim::{self, SsimPair, SsimReference, SsimScratch};
 use guard4d_kernels::nn::conv3d::{
@@ -369,7 +369,7 @@ pub fn resize(device: &Device, input: &TensorFile, to: [usize; 2]) -> Result<Ten
         let v_y = device.buffer_from("dump.v_y", &widen(v_y, channels, TEXEL))?;
         let mut v_x = device.buffer("dump.v_x", x.len())?;
         let mut rec = device.recorder()?;
-        resize::backward(&mut rec, &plan, &v_y, (&mut v_x, Accumulate::Overwrite), &mut scratch)?;
+        resize::backward(&mut rec, &plan, &v_y, (&mut v_x, Onward::default()), &mut scratch)?;
         rec.submit()?;
         put(&mut out, "v_x", &shape, columns(&v_x.read()?, TEXEL, 0..channels));
     }

@@ -1,6 +1,5 @@
-//! Operations on clips `[F, H, W, 4]`: resizing, normalisation, clamps, noise, quantisation.
+//! Operations on clips `[F, H, W, 4]`: resizing, normalisation, noise, quantisation.
 
-pub mod clamp01;
 pub mod colour_map;
 pub mod crop;
 pub mod noise;

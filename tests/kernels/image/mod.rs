@@ -1,4 +1,3 @@
-mod clamp01;
 mod colour_map;
 mod crop;
 mod noise;

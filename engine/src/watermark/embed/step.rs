@@ -1,9 +1,8 @@
 //! One training step: render, lose, go back, update. No I/O, no allocation.
 
-use guard4d_kernels::image::clamp01;
 use guard4d_kernels::image::noise::{self, Noise};
 use guard4d_kernels::image::quantize;
-use guard4d_kernels::image::resize::{self, ImageSize, ResizePlan};
+use guard4d_kernels::image::resize::{self, ImageSize, Onward, ResizePlan};
 use guard4d_kernels::loss::bce::{self, Groups, Objective};
 use guard4d_kernels::loss::offset_penalty::{self, Blocks};
 use guard4d_kernels::loss::pixel::{self, PixelWeights};
@@ -51,6 +50,7 @@ pub(super) struct Stage {
     penalty_sums: SumScratch,
     pub(super) raw: Buffer<f32>,
     marked: Buffer<f32>,
+    /// Gradient of the losses that look at pixels; empty when none has a weight.
     v_marked: Buffer<f32>,
     v_raw: Buffer<f32>,
     pub(super) resized: Buffer<f32>,
@@ -80,7 +80,7 @@ impl Stage {
             penalty_sums: SumScratch::new(device, offsets.div_ceil(4))?,
             raw: full("raw")?,
             marked: full("marked")?,
-            v_marked: full("v_marked")?,
+            v_marked: if config.lambda_recon > 0.0 { full("v_marked")? } else { device.buffer("stage.v_marked", 0)? },
             v_raw: full("v_raw")?,
             resized: small("resized")?,
             noisy_resized: small("noisy_resized")?,
@@ -286,7 +286,7 @@ impl Critic {
         Ok((self.report(config, rates)?, timings))
     }
 
-    /// Reconstruction loss and the squared error, with their gradient in `stage.v_marked`.
+    /// Reconstruction loss, with its gradient in `stage.v_marked` where that is wanted, and the squared error.
     fn fidelity(
         &mut self,
         rec: &mut Recorder,
@@ -305,7 +305,8 @@ impl Critic {
         // The squared error is only measured: the fidelity is held by scaling the offsets.
         let weights = PixelWeights { square: 0.0, absolute: 1.0 - config.lambda_ssim };
         let term = Term { values, slot: MSE, weight: config.lambda_recon, accumulate: Accumulate::Overwrite };
-        pixel::step(rec, (&pair, weights), &mut stage.v_marked, term, &mut self.sums)?;
+        let v_marked = Some(&mut stage.v_marked).filter(|v| !v.is_empty());
+        pixel::step(rec, (&pair, weights), v_marked, term, &mut self.sums)?;
         if let (Some(moments), Some(scratch)) = (&clip.moments, &mut self.similarity) {
             let pair = SsimPair { clip: &stage.marked, reference: &clip.reference, moments };
             let weight = config.lambda_recon * config.lambda_ssim;
@@ -387,9 +388,9 @@ impl Critic {
         let pass = &mut self.passes[pass];
         self.decoder.backward(rec, pass)?;
         self.features.backward(rec, &pass.v_features, training)?;
-        let into = (&mut stage.v_marked, Accumulate::Add);
+        let plus = Some(&stage.v_marked).filter(|v| !v.is_empty());
+        let into = (&mut stage.v_raw, Onward { plus, clamped: Some(&stage.raw) });
         resize::backward(rec, &stage.resize, &self.features.v_x, into, &mut stage.resize_scratch)?;
-        clamp01::backward(rec, &stage.raw, &stage.v_marked, &mut stage.v_raw)?;
         rec.fill(&mut stage.v_offsets, 0.0);
         let offsets = Offsets { data: &stage.offsets, bases: stage.bases };
         stage.renderer.backward_clip(rec, &clip.plans, offsets, &stage.v_raw, &mut stage.v_offsets)?;
