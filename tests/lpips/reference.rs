@@ -27,10 +27,8 @@ fn number(value: &Value) -> f32 {
     value.as_f64().expect("a number") as f32
 }
 
-fn check_case(gpu: &Gpu, folder: &Path, case: &Value) {
-    let path = folder.parent().expect("a folder above").join(case["weights"].as_str().expect("a file name"));
+fn check_case(gpu: &Gpu, folder: &Path, [net, unit_fed]: &[Lpips; 2], case: &Value) {
     let (a, b) = (picture(folder, case, "a"), picture(folder, case, "b"));
-    let net = Lpips::load(gpu, &path, LpipsInput::Canonical).expect("loads");
     let score = net.distance(&a, &b).expect("compares");
     let per_tap: Vec<f32> = case["per_layer"].as_array().expect("a list").iter().map(number).collect();
     assert_close(&score.per_tap.map(|v| v as f32), &per_tap, 1e-7, RTOL);
@@ -38,7 +36,7 @@ fn check_case(gpu: &Gpu, folder: &Path, case: &Value) {
 
     let size = size_of_frame(&a);
     let clips = [a.to_rgba32f(), b.to_rgba32f()];
-    let (value, gradient) = value_and_gradient(gpu, &net, [&clips[0], &clips[1]], size, ([0, 0], size));
+    let (value, gradient) = value_and_gradient(gpu, net, [&clips[0], &clips[1]], size, ([0, 0], size));
     assert_close(&[value as f32], &[score.total() as f32], 1e-7, 1e-6);
     // The reference's colours go from -1 to 1, so that ours have twice its slopes.
     let length = gradient.iter().map(|v| (0.5 * f64::from(*v)).powi(2)).sum::<f64>().sqrt() as f32;
@@ -48,8 +46,8 @@ fn check_case(gpu: &Gpu, folder: &Path, case: &Value) {
     let at = 0.5 * gradient[(10 * size.width + 20) * 4];
     assert_close(&[at], &[number(&case["grad_at_c0_y10_x20"])], GRADIENT_RTOL * want_largest, GRADIENT_RTOL);
 
-    let unit_fed = Lpips::load(gpu, &path, LpipsInput::UnitFed).expect("loads").distance(&a, &b).expect("compares");
-    assert_close(&[unit_fed.total() as f32], &[number(&case["unscaled_0_1"])], 1e-7, RTOL);
+    let unit_fed = unit_fed.distance(&a, &b).expect("compares").total();
+    assert_close(&[unit_fed as f32], &[number(&case["unscaled_0_1"])], 1e-7, RTOL);
 }
 
 /// All cases of one checkpoint; how many there were.
@@ -58,7 +56,10 @@ fn check(weights: &str) {
     let folder = path.parent().expect("a folder above");
     let all: Value = serde_json::from_slice(&fs::read(&path).expect("readable")).expect("JSON");
     let cases = all["cases"].as_array().expect("a list").iter().filter(|case| case["weights"] == weights);
-    assert_eq!(cases.map(|case| check_case(&gpu, folder, case)).count(), 4, "cases of {weights}");
+    let path = folder.with_file_name(weights);
+    let nets =
+        [LpipsInput::Canonical, LpipsInput::UnitFed].map(|input| Lpips::load(&gpu, &path, input).expect("loads"));
+    assert_eq!(cases.map(|case| check_case(&gpu, folder, &nets, case)).count(), 4, "cases of {weights}");
 }
 
 #[test]

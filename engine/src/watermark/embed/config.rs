@@ -281,6 +281,16 @@ impl EmbedConfig {
         self.lambda_recon > 0.0 && self.lambda_ssim > 0.0
     }
 
+    /// LPIPS, if it is part of the loss.
+    pub(super) fn trained_lpips(&self) -> Option<&LpipsTerm> {
+        self.lpips.as_ref().filter(|term| term.lambda > 0.0)
+    }
+
+    /// Whether the loss has a part that looks at the pixels of whole frames.
+    pub(super) fn looks_at_pixels(&self) -> bool {
+        self.lambda_recon > 0.0 || self.trained_lpips().is_some()
+    }
+
     /// Size of training frames.
     pub(super) fn frame_size(&self) -> ImageSize {
         ImageSize { height: self.size_px.1 as usize, width: self.size_px.0 as usize }
@@ -299,7 +309,7 @@ impl EmbedConfig {
 
     /// First row and column of what step number `step` compares by LPIPS, if it does.
     pub(super) fn lpips_turn(&self, step: usize, rng: &mut ChaCha20Rng) -> Option<[usize; 2]> {
-        let term = self.lpips.as_ref().filter(|term| term.lambda > 0.0 && step.is_multiple_of(term.every as usize))?;
+        let term = self.trained_lpips().filter(|term| step.is_multiple_of(term.every as usize))?;
         let (frame, part) = (self.frame_size(), term.part_of(self.frame_size()));
         let mut first = |whole: usize, part: usize| match u32::try_from(whole - part) {
             Ok(0) | Err(_) => 0,
@@ -310,7 +320,7 @@ impl EmbedConfig {
 
     /// Steps after which controls and LPIPS come in the same order again.
     pub(super) fn round(&self) -> usize {
-        let every = self.lpips.as_ref().map_or(1, |term| term.every) as usize;
+        let every = self.trained_lpips().map_or(1, |term| term.every) as usize;
         let control = self.control_every as usize;
         (1..=every).map(|times| times * control).find(|steps| steps.is_multiple_of(every)).unwrap_or(control)
     }

@@ -21,7 +21,7 @@ pub(super) struct Perception {
 impl Perception {
     /// `None` when LPIPS is no part of the loss.
     pub(super) fn new(device: &Device, config: &EmbedConfig) -> Result<Option<Self>, EngineError> {
-        let Some(term) = config.lpips.as_ref().filter(|term| term.lambda > 0.0) else { return Ok(None) };
+        let Some(term) = config.trained_lpips() else { return Ok(None) };
         let net = Lpips::new(device, &term.weights, term.input)?;
         let frame = config.frame_size();
         let pass = net.pass(term.part_of(frame), CLIP_FRAMES)?;

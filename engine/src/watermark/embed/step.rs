@@ -80,7 +80,7 @@ impl Stage {
             penalty_sums: SumScratch::new(device, offsets.div_ceil(4))?,
             raw: full("raw")?,
             marked: full("marked")?,
-            v_marked: if config.lambda_recon > 0.0 { full("v_marked")? } else { device.buffer("stage.v_marked", 0)? },
+            v_marked: if config.looks_at_pixels() { full("v_marked")? } else { device.buffer("stage.v_marked", 0)? },
             v_raw: full("v_raw")?,
             resized: small("resized")?,
             noisy_resized: small("noisy_resized")?,
