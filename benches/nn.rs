@@ -195,6 +195,7 @@ fn layer(side: usize, in_channels: usize, out_channels: usize) -> Conv3d {
         space: Padding::Reflect,
         bias: Bias::None,
         activation: Activation::Relu,
+        precision: Precision::F32,
     }
 }
 
