@@ -1,11 +1,11 @@
 //! Operations on clips: the antialiased resize to CLIP's input, and those that take one pixel at a time.
 
 use guard4d_kernels::Buffer;
+use guard4d_kernels::image::crop::{self, Cells, Crop, Window};
 use guard4d_kernels::image::noise::{self, Noise};
 use guard4d_kernels::image::normalize::{self, Normalization};
-use guard4d_kernels::image::resize::{self, ImageSize, ResizePlan};
-use guard4d_kernels::image::{clamp01, colour_map, quantize};
-use guard4d_kernels::shape::Accumulate;
+use guard4d_kernels::image::resize::{self, ImageSize, Onward, ResizePlan};
+use guard4d_kernels::image::{colour_map, quantize};
 
 use crate::Outcome;
 use crate::harness::{Bench, Work};
@@ -22,6 +22,7 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
     };
     resize_clip(bench, &mut clips)?;
     map_pixels(bench, &mut clips)?;
+    cut_out(bench, &mut clips)?;
     disturb_pixels(bench, &mut clips)
 }
 
@@ -42,8 +43,11 @@ fn resize_clip(bench: &mut Bench, clips: &mut Clips) -> Outcome {
     bench.passes(&format!("image/resize forward {FRAMES}x{SIDE}x{SIDE}->{to}"), work, |rec| {
         resize::forward(rec, &plan, &clips.x, &mut small, &mut scratch)
     })?;
-    bench.passes(&format!("image/resize backward {FRAMES}x{SIDE}x{SIDE}->{to}"), work, |rec| {
-        resize::backward(rec, &plan, &small, (&mut clips.out, Accumulate::Overwrite), &mut scratch)
+    // As a step has it: through the clamp before it.
+    let work = Work::Bytes((16 * FRAMES * (2 * SIDE * SIDE + to * to)) as f64, "16·F·(2·H·W + H'·W')");
+    bench.passes(&format!("image/resize backward {FRAMES}x{SIDE}x{SIDE}->{to}, clamped"), work, |rec| {
+        let onward = Onward { clamped: Some(&clips.x), ..Onward::default() };
+        resize::backward(rec, &plan, &small, (&mut clips.out, onward), &mut scratch)
     })
 }
 
@@ -67,11 +71,26 @@ fn map_pixels(bench: &mut Bench, clips: &mut Clips) -> Outcome {
     bench.passes(&format!("image/normalize backward {label}"), two(), |rec| normalize::backward(rec, &by, v_y, out))
 }
 
+/// Whole frames in the cells of four pixels that `AlexNet`'s first layer strides over.
+fn cut_out(bench: &mut Bench, clips: &mut Clips) -> Outcome {
+    let (patch, padding) = (4, 2);
+    let full = ImageSize { height: SIDE, width: SIDE };
+    let cells = Cells { grid: [SIDE / patch + 1; 2], patch, padding };
+    let crop = Crop { window: Window { frame: 0, frames: FRAMES, corner: [0; 2], size: full, full }, cells };
+    let by = Normalization { mean: [0.5; 3], std: [0.25; 3] };
+    let mut y = bench.device.buffer("y", cells.len(FRAMES))?;
+    let label = format!("{FRAMES}x{SIDE}x{SIDE}, patch {patch}");
+    bench.passes(&format!("image/crop forward {label}"), two(), |rec| {
+        crop::forward(rec, (&crop, &by), &clips.x, (&mut y, 0))
+    })?;
+    bench.passes(&format!("image/crop backward {label}"), three(), |rec| {
+        crop::backward(rec, (&crop, &by), &y, &mut clips.out)
+    })
+}
+
 fn disturb_pixels(bench: &mut Bench, clips: &mut Clips) -> Outcome {
     let Clips { x, v_y, out } = clips;
     let label = format!("{FRAMES}x{SIDE}x{SIDE}");
-    bench.passes(&format!("image/clamp01 forward {label}"), two(), |rec| clamp01::forward(rec, x, out))?;
-    bench.passes(&format!("image/clamp01 backward {label}"), three(), |rec| clamp01::backward(rec, x, v_y, out))?;
     bench.passes(&format!("image/quantize {label}"), two(), |rec| quantize::forward(rec, x, out))?;
     let noise = Noise { sigma: 0.02, seed: 1, stream: 0 };
     bench.passes(&format!("image/noise forward {label}"), two(), |rec| noise::forward(rec, &noise, x, out))?;

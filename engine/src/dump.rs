@@ -4,12 +4,13 @@
 
 use std::path::Path;
 
-use guard4d_kernels::image::resize::{self, ImageSize as PixelSize, ResizePlan};
+use guard4d_kernels::image::resize::{self, ImageSize as PixelSize, Onward, ResizePlan};
 use guard4d_kernels::loss::Term;
 use guard4d_kernels::loss::ssim::{self, SsimPair, SsimReference, SsimScratch};
 use guard4d_kernels::nn::conv3d::{
     self, Activation, Bias, Conv3d, Conv3dScratch, InputGradient, Padding, WeightGradient,
 };
+use guard4d_kernels::nn::pack::Precision;
 use guard4d_kernels::optim::adam::{self, AdamConfig, AdamState};
 use guard4d_kernels::shape::{Accumulate, ClipShape};
 use guard4d_kernels::{Buffer, Device};
@@ -263,6 +264,7 @@ pub fn conv3d(device: &Device, input: &TensorFile, border: Border) -> Result<Ten
         space,
         bias: if bias.is_some() { Bias::Added } else { Bias::None },
         activation: Activation::Identity,
+        precision: Precision::F32,
     };
     let mut packed = conv.pack(weight, ci, co);
     let terms = packed.len() - if bias.is_some() { conv.out_channels } else { 0 };
@@ -369,7 +371,7 @@ pub fn resize(device: &Device, input: &TensorFile, to: [usize; 2]) -> Result<Ten
         let v_y = device.buffer_from("dump.v_y", &widen(v_y, channels, TEXEL))?;
         let mut v_x = device.buffer("dump.v_x", x.len())?;
         let mut rec = device.recorder()?;
-        resize::backward(&mut rec, &plan, &v_y, (&mut v_x, Accumulate::Overwrite), &mut scratch)?;
+        resize::backward(&mut rec, &plan, &v_y, (&mut v_x, Onward::default()), &mut scratch)?;
         rec.submit()?;
         put(&mut out, "v_x", &shape, columns(&v_x.read()?, TEXEL, 0..channels));
     }

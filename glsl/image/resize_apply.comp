@@ -1,17 +1,20 @@
 #version 460
 // image/resize_apply: a banded matrix along one axis; a separable resize or, with the transposed table, its adjoint.
 //   in   x [planes, from, inner, 4]   table [to, 1 + taps4, 4]: first source index, then weights, 0 = no tap
-//        y_before: y as texels
-//   out  y [planes, to, inner, 4] (=), or (+=) with ACCUMULATE; fourth channel 0
+//        plus like y, added with ADD; clamped like y: with GATE the result is 0 where it lies outside of [0, 1]
+//   out  y [planes, to, inner, 4] (=); fourth channel 0
 //   twin kernels/src/reference/image/resize.rs   one invocation per output pixel; groups: x = to * inner, yz = planes
 layout(local_size_x = 64) in;
 #include "lib/texels.glsl"
-layout(constant_id = 0) const uint ACCUMULATE = 0;
+#include "lib/clamp01.glsl"
+layout(constant_id = 0) const uint ADD = 0;
+layout(constant_id = 1) const uint GATE = 0;
 layout(push_constant) uniform Params { int planes, from, to, inner, taps4; } p;
 TEXELS_F32(0, x);
 TEXELS_F32(1, table);
-TEXELS_F32(2, y_before);
-layout(set = 0, binding = 3) writeonly buffer Y { vec4 y[]; };
+TEXELS_F32(2, plus);
+TEXELS_F32(3, clamped);
+layout(set = 0, binding = 4) writeonly buffer Y { vec4 y[]; };
 
 void main() {
     int plane = int(gl_WorkGroupID.y + gl_WorkGroupID.z * gl_NumWorkGroups.y);
@@ -32,6 +35,7 @@ void main() {
         }
     } while (group < p.taps4);
     int at = plane * p.to * p.inner + j;
-    if (ACCUMULATE != 0) sum += texel_load(y_before, at).rgb;
+    if (ADD != 0) sum += texel_load(plus, at).rgb;
+    if (GATE != 0) sum = clamp01_gate(texel_load(clamped, at).rgb, sum);
     y[at] = vec4(sum, 0.0);
 }

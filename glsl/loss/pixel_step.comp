@@ -1,7 +1,7 @@
 #version 460
 // loss/pixel_step: sums of absolute and of squared differences of colours, and the gradient of both; |0| has slope 0.
 //   in   image [.,4] and reference [.,4], n pixels from image_px and reference_px on   v_before: v_image as texels
-//   out  v_image [.,4] at image_px (=), or (+=) with ACCUMULATE; fourth channel 0
+//   out  v_image [.,4] at image_px (=), or (+=) with ACCUMULATE; fourth channel 0; not touched without GRADIENT
 //   out  partial [2, groups * 8] (=): squares, absolute values; eight lanes share one
 //   twin kernels/src/reference/loss/pixel.rs   groups: 64 * PIXELS pixels each
 layout(local_size_x = 64) in;
@@ -9,6 +9,7 @@ layout(local_size_x = 64) in;
 #include "lib/shuffle.glsl"
 layout(constant_id = 0) const uint ACCUMULATE = 0;
 layout(constant_id = 1) const uint PIXELS = 16;
+layout(constant_id = 2) const uint GRADIENT = 1;
 layout(push_constant) uniform Params { uint n, image_px, reference_px; float square_scale, absolute_scale; } p;
 TEXELS_F32(0, image);
 TEXELS_F32(1, reference);
@@ -33,9 +34,11 @@ void main() {
             vec3 d = texel_load(image, int(p.image_px + i)).rgb - texel_load(reference, int(p.reference_px + i)).rgb;
             squares += d * d;
             absolutes += abs(d);
-            vec3 v = p.square_scale * (2.0 * d) + p.absolute_scale * slope(d);
-            if (ACCUMULATE != 0) v += texel_load(v_before, int(p.image_px + i)).rgb;
-            v_image[p.image_px + i] = vec4(v, 0.0);
+            if (GRADIENT != 0) {
+                vec3 v = p.square_scale * (2.0 * d) + p.absolute_scale * slope(d);
+                if (ACCUMULATE != 0) v += texel_load(v_before, int(p.image_px + i)).rgb;
+                v_image[p.image_px + i] = vec4(v, 0.0);
+            }
         }
         i += 64;
         left--;

@@ -2,7 +2,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use guard4d_kernels::image::clamp01;
+use guard4d_kernels::image::quantize;
 use guard4d_kernels::probe::mul_add::{self, Chains};
 use guard4d_kernels::vk::take_validation_errors;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
@@ -43,7 +43,7 @@ enum Pass {
     /// A kernel that reads a storage buffer.
     MulAdd(usize, usize),
     /// A kernel that reads through a texel view.
-    Clamp(usize, usize),
+    Round(usize, usize),
 }
 
 /// Whether the recorder may put its barrier before the second pass.
@@ -65,16 +65,16 @@ impl Pass {
                 let [from, to] = pair(buffers, from, to);
                 mul_add::run(rec, Chains { runs: 1, scale: 0.5, shift: 1.0 }, from, to)?;
             }
-            Self::Clamp(from, to) => {
+            Self::Round(from, to) => {
                 let [from, to] = pair(buffers, from, to);
-                clamp01::forward(rec, from, to)?;
+                quantize::forward(rec, from, to)?;
             }
         }
         Ok(())
     }
 
     fn is_kernel(self) -> bool {
-        matches!(self, Self::MulAdd(..) | Self::Clamp(..))
+        matches!(self, Self::MulAdd(..) | Self::Round(..))
     }
 }
 
@@ -99,7 +99,7 @@ fn errors_of(device: &Device, passes: [Pass; 2], barrier: Barrier) -> Vec<String
 /// Two kernels that write the same buffer are not here: layers before 2026 let that pass.
 #[test]
 fn a_missing_barrier_is_reported_and_the_recorders_own_suffices() {
-    use Pass::{Clamp, Copy, Fill, MulAdd};
+    use Pass::{Copy, Fill, MulAdd, Round};
     let Some(gpu) = watched_device() else { return };
     for (first, second, hazard) in [
         (Copy(0, 1), Copy(1, 2), "READ-AFTER-WRITE"),
@@ -108,8 +108,8 @@ fn a_missing_barrier_is_reported_and_the_recorders_own_suffices() {
         (Fill(0), MulAdd(0, 1), "READ-AFTER-WRITE"),
         (MulAdd(0, 1), Copy(2, 1), "WRITE-AFTER-WRITE"),
         (MulAdd(0, 1), MulAdd(1, 2), "READ-AFTER-WRITE"),
-        (MulAdd(0, 1), Clamp(1, 2), "READ-AFTER-WRITE"),
-        (Clamp(0, 1), MulAdd(2, 0), "WRITE-AFTER-READ"),
+        (MulAdd(0, 1), Round(1, 2), "READ-AFTER-WRITE"),
+        (Round(0, 1), MulAdd(2, 0), "WRITE-AFTER-READ"),
     ] {
         let passes = [first, second];
         assert_eq!(errors_of(&gpu, passes, Barrier::Kept), [""; 0], "{passes:?} with the recorder's barrier");
@@ -128,7 +128,7 @@ fn a_missing_barrier_is_reported_and_the_recorders_own_suffices() {
 #[test]
 fn a_closed_device_leaves_nothing_behind() {
     let (Some(gpu), Some(own)) = (watched_device(), own_device()) else { return };
-    assert_eq!(errors_of(&own, [Pass::Clamp(0, 1), Pass::Copy(1, 2)], Barrier::Kept), [""; 0], "all kinds of objects");
+    assert_eq!(errors_of(&own, [Pass::Round(0, 1), Pass::Copy(1, 2)], Barrier::Kept), [""; 0], "all kinds of objects");
     let last = own.buffer::<u32>("outlives the guard", 4).expect("buffer");
     drop(own);
     drop(last);

@@ -1,7 +1,7 @@
-//! Operations on clips `[F, H, W, 4]`: resizing, normalisation, clamps, noise, quantisation.
+//! Operations on clips `[F, H, W, 4]`: resizing, normalisation, noise, quantisation.
 
-pub mod clamp01;
 pub mod colour_map;
+pub mod crop;
 pub mod noise;
 pub mod normalize;
 pub mod quantize;

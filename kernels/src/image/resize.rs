@@ -2,7 +2,7 @@
 
 use crate::image::CHANNELS;
 use crate::registry::image::resize_apply;
-use crate::shape::{Accumulate, dim_signed, expect_len};
+use crate::shape::{dim_signed, expect_len};
 use crate::{Buffer, Device, Grid, KernelError, Recorder};
 
 const KERNEL: &str = "image/resize";
@@ -152,18 +152,28 @@ impl ResizePlan {
     }
 }
 
+/// What becomes of a gradient before [`backward`] writes it: one pass instead of three over full-size clips.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Onward<'a> {
+    /// Gradient `[F,H,W,4]` of other readers of the input, added.
+    pub plus: Option<&'a Buffer<f32>>,
+    /// What the input was clamped to [0, 1] from, `[F,H,W,4]`: nothing passes where it lies outside, or is NaN. Both ends
+    /// pass, as in PyTorch's `clamp`.
+    pub clamped: Option<&'a Buffer<f32>>,
+}
+
 /// Sizes of one pass over `[planes, from, inner, 4]`.
-struct Pass {
+struct Pass<'a> {
     planes: usize,
     from: usize,
     to: usize,
     inner: usize,
-    accumulate: Accumulate,
+    onward: Onward<'a>,
 }
 
 fn apply(
     rec: &mut Recorder,
-    pass: &Pass,
+    pass: &Pass<'_>,
     table: &Table,
     x: &Buffer<f32>,
     y: &mut Buffer<f32>,
@@ -178,9 +188,11 @@ fn apply(
     let columns = (pass.to * pass.inner).div_ceil(resize_apply::KERNEL.local_size[0] as usize);
     let grid =
         [columns, pass.planes.min(PLANES_PER_AXIS), pass.planes.div_ceil(PLANES_PER_AXIS)].map(crate::shape::dim);
-    let spec = resize_apply::Spec { accumulate: pass.accumulate.flag() };
-    let before = y.alias();
-    let bind = resize_apply::Bind { x, table: &table.rows, y_before: &before, y };
+    let Onward { plus, clamped } = pass.onward;
+    let spec = resize_apply::Spec { add: u32::from(plus.is_some()), gate: u32::from(clamped.is_some()) };
+    // What is not there is not read.
+    let (plus, clamped) = (plus.unwrap_or(x), clamped.unwrap_or(x));
+    let bind = resize_apply::Bind { x, table: &table.rows, plus, clamped, y };
     rec.dispatch_spec(bind, params, spec, Grid::Groups(grid))
 }
 
@@ -202,19 +214,19 @@ pub fn forward(
 ) -> Result<(), KernelError> {
     let frames = x.len() / (plan.from.height * plan.from.width * CHANNELS);
     plan.check(frames, [("x", x), ("y", y), ("scratch", scratch)])?;
-    let accumulate = Accumulate::Overwrite;
+    let onward = Onward::default();
     let ImageSize { height, width } = plan.from;
-    let pass = Pass { planes: frames, from: height, to: plan.to.height, inner: width, accumulate };
+    let pass = Pass { planes: frames, from: height, to: plan.to.height, inner: width, onward };
     apply(rec, &pass, &plan.vertical.forward, x, scratch)?;
     let planes = frames * plan.to.height;
-    let pass = Pass { planes, from: width, to: plan.to.width, inner: 1, accumulate };
+    let pass = Pass { planes, from: width, to: plan.to.width, inner: 1, onward };
     apply(rec, &pass, &plan.horizontal.forward, scratch, y)
 }
 
-/// Gradient to the input: the exact adjoint of [`forward`].
+/// Gradient to the input: the exact adjoint of [`forward`], then [`Onward`].
 ///
 /// # Shapes
-/// in `v_y` [F,h,w,4] · out `v_x` [F,H,W,4] (=) or (+=), fourth channel 0 · `scratch` [F,h,W,4] (=)
+/// in `v_y` [F,h,w,4] · `onward` · out `v_x` [F,H,W,4] (=), fourth channel 0 · `scratch` [F,h,W,4] (=)
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors
@@ -223,15 +235,18 @@ pub fn backward(
     rec: &mut Recorder,
     plan: &ResizePlan,
     v_y: &Buffer<f32>,
-    (v_x, accumulate): (&mut Buffer<f32>, Accumulate),
+    (v_x, onward): (&mut Buffer<f32>, Onward<'_>),
     scratch: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
     let frames = v_x.len() / (plan.from.height * plan.from.width * CHANNELS);
     plan.check(frames, [("v_x", v_x), ("v_y", v_y), ("scratch", scratch)])?;
+    for (name, buffer) in [("plus", onward.plus), ("clamped", onward.clamped)] {
+        buffer.map_or(Ok(()), |buffer| expect_len(KERNEL, name, buffer, v_x.len()))?;
+    }
     let ImageSize { height, width } = plan.from;
     let planes = frames * plan.to.height;
-    let pass = Pass { planes, from: plan.to.width, to: width, inner: 1, accumulate: Accumulate::Overwrite };
+    let pass = Pass { planes, from: plan.to.width, to: width, inner: 1, onward: Onward::default() };
     apply(rec, &pass, &plan.horizontal.backward, v_y, scratch)?;
-    let pass = Pass { planes: frames, from: plan.to.height, to: height, inner: width, accumulate };
+    let pass = Pass { planes: frames, from: plan.to.height, to: height, inner: width, onward };
     apply(rec, &pass, &plan.vertical.backward, scratch, v_x)
 }

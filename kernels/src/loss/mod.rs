@@ -1,6 +1,7 @@
 //! Losses: value and gradient in one go. Values stay on the device, one slot per loss.
 
 pub mod bce;
+pub mod lpips;
 pub mod offset_penalty;
 pub mod pixel;
 pub mod ssim;
@@ -45,8 +46,8 @@ pub struct PixelPair<'a> {
 }
 
 impl PixelPair<'_> {
-    fn check(&self, kernel: &'static str, v_image: &Buffer<f32>) -> Result<(), KernelError> {
-        expect_len(kernel, "v_image", v_image, self.image.len())?;
+    fn check(&self, kernel: &'static str, v_image: Option<&Buffer<f32>>) -> Result<(), KernelError> {
+        v_image.map_or(Ok(()), |v_image| expect_len(kernel, "v_image", v_image, self.image.len()))?;
         for (name, buffer, first) in
             [("image", self.image, self.image_px), ("reference", self.reference, self.reference_px)]
         {

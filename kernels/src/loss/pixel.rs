@@ -19,12 +19,12 @@ pub struct PixelWeights {
     pub absolute: f32,
 }
 
-/// Values and gradient over three colour channels; the fourth channel is not read.
+/// Values over three colour channels and, where it is wanted, their gradient; the fourth channel is not read.
 ///
 /// # Shapes
 /// in `pair`: `image` [.,4] and `reference` [.,4], n pixels of each ·
-/// out `v_image` like `image`, those pixels (=) or (+=), fourth channel 0 · `term.values`, [`VALUES`] elements (=);
-/// `term.weight` is a factor on both weights
+/// out `v_image`, if given, like `image`, those pixels (=) or (+=), fourth channel 0 · `term.values`, [`VALUES`]
+/// elements (=); `term.weight` is a factor on both weights
 /// # Equation: Σ (x − y)² / 3n and Σ |x − y| / 3n; the derivative of the latter at equality is 0
 /// # Determinism: bitwise; sums in a fixed order, no atomics
 ///
@@ -33,11 +33,11 @@ pub struct PixelWeights {
 pub fn step(
     rec: &mut Recorder,
     (pair, weights): (&PixelPair<'_>, PixelWeights),
-    v_image: &mut Buffer<f32>,
+    v_image: Option<&mut Buffer<f32>>,
     term: Term<'_>,
     scratch: &mut SumScratch,
 ) -> Result<(), KernelError> {
-    pair.check(KERNEL, v_image)?;
+    pair.check(KERNEL, v_image.as_deref())?;
     term.slots(KERNEL, VALUES)?;
     let groups = scratch.groups(KERNEL, pair.num_px)?;
     let mean = 1.0 / (pair.num_px.max(1) as f32 * 3.0);
@@ -48,7 +48,10 @@ pub fn step(
         square_scale: term.weight * weights.square * mean,
         absolute_scale: term.weight * weights.absolute * mean,
     };
-    let spec = pixel_step::Spec { accumulate: term.accumulate.flag(), pixels: PER_INVOCATION };
+    let gradient = u32::from(v_image.is_some());
+    let spec = pixel_step::Spec { accumulate: term.accumulate.flag(), pixels: PER_INVOCATION, gradient };
+    // Without a gradient the binding needs a buffer that is nobody else's; it is not touched.
+    let v_image = v_image.unwrap_or(&mut *term.values);
     let before = v_image.alias();
     let bind = pixel_step::Bind {
         image: pair.image,

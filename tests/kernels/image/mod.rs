@@ -1,5 +1,5 @@
-mod clamp01;
 mod colour_map;
+mod crop;
 mod noise;
 mod normalize;
 mod quantize;

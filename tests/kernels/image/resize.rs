@@ -1,9 +1,8 @@
 //! image/resize: twin against differences and PyTorch, GPU against the twin, adjoint, extremes.
 
 use guard4d_kernels::KernelError;
-use guard4d_kernels::image::resize::{ImageSize, ResizePlan, backward, forward};
-use guard4d_kernels::reference::image::resize as twin;
-use guard4d_kernels::shape::Accumulate;
+use guard4d_kernels::image::resize::{ImageSize, Onward, ResizePlan, backward, forward};
+use guard4d_kernels::reference::image::{gate, resize as twin};
 
 use super::{dot, run, unwritten, upload};
 use crate::support::close::assert_close;
@@ -19,17 +18,16 @@ fn size([height, width]: [usize; 2]) -> ImageSize {
     ImageSize { height, width }
 }
 
-/// `(y, v_x)` on the device; `v_x` is added to `before` where given.
-fn on_gpu(gpu: &Gpu, [from, to]: [[usize; 2]; 2], x: &[f32], v_y: &[f32], before: Option<f32>) -> [Vec<f32>; 2] {
+/// `(y, v_x)` on the device.
+fn on_gpu(gpu: &Gpu, [from, to]: [[usize; 2]; 2], x: &[f32], v_y: &[f32], onward: Onward<'_>) -> [Vec<f32>; 2] {
     let plan = ResizePlan::new(gpu, size(from), size(to)).expect("plan");
     let mut scratch = plan.scratch(gpu, x.len() / (from[0] * from[1] * 4)).expect("scratch");
     let (x, v_y) = (upload(gpu, x), upload(gpu, v_y));
     let mut y = unwritten(gpu, v_y.len());
-    let mut v_x = upload(gpu, &vec![before.unwrap_or(f32::NAN); x.len()]);
-    let accumulate = if before.is_some() { Accumulate::Add } else { Accumulate::Overwrite };
+    let mut v_x = unwritten(gpu, x.len());
     run(gpu, |rec| {
         forward(rec, &plan, &x, &mut y, &mut scratch)?;
-        backward(rec, &plan, &v_y, (&mut v_x, accumulate), &mut scratch)
+        backward(rec, &plan, &v_y, (&mut v_x, onward), &mut scratch)
     });
     [y.read().expect("read"), v_x.read().expect("read")]
 }
@@ -58,14 +56,14 @@ fn twin_and_gpu_match_pytorch() {
         assert_close(&twin::forward(&x, from, to), &y, 2e-6, 1e-6);
         assert_close(&twin::backward(&v_y, from, to), &v_x, 4e-6, 1e-6);
         let Some(gpu) = device() else { continue };
-        let got = on_gpu(&gpu, [from, to], &x, &v_y, None);
+        let got = on_gpu(&gpu, [from, to], &x, &v_y, Onward::default());
         assert_close(&got[0], &y, 2e-6, 1e-6);
         assert_close(&got[1], &v_x, 4e-6, 1e-6);
     }
 }
 
 #[test]
-fn gpu_follows_the_twin_and_adds_up() {
+fn gpu_follows_the_twin_adds_and_clamps() {
     let Some(gpu) = device() else { return };
     for (frames, from, to) in [
         (1, [1, 1], [1, 1]),
@@ -77,11 +75,17 @@ fn gpu_follows_the_twin_and_adds_up() {
         let mut random = Random(frames as u64);
         let x = random.vec_f32(frames * from[0] * from[1] * 4, 0.0, 1.0);
         let v_y = random.vec_f32(frames * to[0] * to[1] * 4, -1.0, 1.0);
-        let [y, v_x] = on_gpu(&gpu, [from, to], &x, &v_y, Some(0.5));
+        let plus = random.vec_f32(x.len(), -1.0, 1.0);
+        let mut clamped = random.vec_f32(x.len(), -0.5, 1.5);
+        clamped[..4].copy_from_slice(&[0.0, 1.0, f32::NAN, 0.0]);
+        let (plus_there, clamped_there) = (upload(&gpu, &plus), upload(&gpu, &clamped));
+        let onward = Onward { plus: Some(&plus_there), clamped: Some(&clamped_there) };
+        let [y, v_x] = on_gpu(&gpu, [from, to], &x, &v_y, onward);
         // Two passes of short sums against one; rounding only.
         assert_close(&y, &twin::forward(&x, from, to), 2e-6, 1e-6);
         let mut want = twin::backward(&v_y, from, to);
-        want.iter_mut().enumerate().for_each(|(i, v)| *v = if i % 4 < 3 { *v + 0.5 } else { 0.0 });
+        let added = want.iter_mut().zip(plus.iter().zip(&clamped)).enumerate();
+        added.for_each(|(i, (v, (p, c)))| *v = if i % 4 < 3 { gate(*c, *v + p) } else { 0.0 });
         assert_close(&v_x, &want, 2e-6, 1e-6);
     }
 }
@@ -90,7 +94,7 @@ fn gpu_follows_the_twin_and_adds_up() {
 fn same_size_is_the_identity() {
     let Some(gpu) = device() else { return };
     let x = Random(1).vec_f32(6 * 9 * 4, 0.0, 1.0);
-    let [y, v_x] = on_gpu(&gpu, [[6, 9], [6, 9]], &x, &x, None);
+    let [y, v_x] = on_gpu(&gpu, [[6, 9], [6, 9]], &x, &x, Onward::default());
     let want: Vec<f32> = x.iter().enumerate().map(|(i, v)| if i % 4 < 3 { *v } else { 0.0 }).collect();
     assert_eq!(y, want, "resizing to the same size copies colours");
     assert_eq!(v_x, want, "and so does its adjoint");
@@ -102,7 +106,7 @@ fn poison_stays_in_its_window() {
     let (from, to) = ([32, 28], [5, 8]);
     let split = from[0] * from[1] * 4;
     let clean = Random(2).vec_f32(split + to[0] * to[1] * 4, 0.0, 1.0);
-    let on_gpu = |data: &[f32]| on_gpu(&gpu, [from, to], &data[..split], &data[split..], None).concat();
+    let on_gpu = |data: &[f32]| on_gpu(&gpu, [from, to], &data[..split], &data[split..], Onward::default()).concat();
     let on_host =
         |data: &[f32]| [twin::forward(&data[..split], from, to), twin::backward(&data[split..], from, to)].concat();
     let (pixel, small) = (16 * from[1] + 14, 2 * to[1] + 3);
@@ -130,6 +134,6 @@ fn wrong_shapes_are_refused_and_empty_is_fine() {
     let mut rec = gpu.recorder().expect("recorder");
     let refused = forward(&mut rec, &plan, &x, &mut short, &mut scratch);
     assert!(matches!(refused, Err(KernelError::Shape { buffer: "y", .. })), "short output: {refused:?}");
-    let [y, v_x] = on_gpu(&gpu, [[4, 4], [2, 2]], &[], &[], None);
+    let [y, v_x] = on_gpu(&gpu, [[4, 4], [2, 2]], &[], &[], Onward::default());
     assert!(y.is_empty() && v_x.is_empty(), "no frame, no pixel");
 }

@@ -45,9 +45,14 @@ fn on_gpu(
     let pair = PixelPair { image: &image, image_px: 3, reference: &reference, reference_px: 1, num_px };
     run(gpu, |rec| {
         let to = term(&mut values, 2.0, accumulate);
-        step(rec, (&pair, weights), &mut v_image, to, &mut scratch)
+        step(rec, (&pair, weights), Some(&mut v_image), to, &mut scratch)
     });
     let values = values.read().expect("read");
+    let mut alone = upload(gpu, &[7.0; 4]);
+    run(gpu, |rec| step(rec, (&pair, weights), None, term(&mut alone, 2.0, accumulate), &mut scratch));
+    let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    let alone = alone.read().expect("read");
+    assert_eq!(bits(&alone), bits(&values), "the values do not depend on whether a gradient is wanted");
     assert_eq!([values[0], values[3]], [7.0; 2], "other slots are untouched");
     ([values[1], values[2]], v_image.read().expect("read"))
 }
@@ -117,15 +122,15 @@ fn poison_shows_and_wrong_shapes_are_refused() {
     let pair = PixelPair { image: &x, image_px: 3, reference: &x, reference_px: 0, num_px: 8 };
     let mut rec = gpu.recorder().expect("recorder");
     let to = term(&mut values, 1.0, Accumulate::Add);
-    let refused = step(&mut rec, (&pair, both), &mut v_x, to, &mut scratch);
+    let refused = step(&mut rec, (&pair, both), Some(&mut v_x), to, &mut scratch);
     assert!(matches!(refused, Err(KernelError::Shape { buffer: "image", .. })), "{refused:?}");
     let pair = PixelPair { image_px: 0, num_px: 10, ..pair };
     let mut tiny = SumScratch::new(&gpu, 0).expect("scratch");
     let to = term(&mut values, 1.0, Accumulate::Add);
-    let refused = step(&mut rec, (&pair, both), &mut v_x, to, &mut tiny);
+    let refused = step(&mut rec, (&pair, both), Some(&mut v_x), to, &mut tiny);
     assert!(matches!(refused, Err(KernelError::Shape { buffer: "scratch", .. })), "{refused:?}");
     let mut short = upload(&gpu, &[0.0; 2]);
     let to = term(&mut short, 1.0, Accumulate::Add);
-    let refused = step(&mut rec, (&pair, both), &mut v_x, to, &mut scratch);
+    let refused = step(&mut rec, (&pair, both), Some(&mut v_x), to, &mut scratch);
     assert!(matches!(refused, Err(KernelError::Shape { buffer: "values", .. })), "{refused:?}");
 }

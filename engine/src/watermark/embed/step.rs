@@ -2,10 +2,9 @@
 
 use std::sync::Arc;
 
-use guard4d_kernels::image::clamp01;
 use guard4d_kernels::image::noise::{self, Noise};
 use guard4d_kernels::image::quantize;
-use guard4d_kernels::image::resize::{self, ImageSize, ResizePlan};
+use guard4d_kernels::image::resize::{self, ImageSize, Onward, ResizePlan};
 use guard4d_kernels::loss::bce::{self, Groups, Objective};
 use guard4d_kernels::loss::offset_penalty::{self, Blocks};
 use guard4d_kernels::loss::pixel::{self, PixelWeights};
@@ -19,6 +18,7 @@ use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
 
 use super::clips::TrainingClip;
 use super::config::{ControlTurn, EmbedConfig};
+use super::perception::Perception;
 use super::pool::{ClipPool, is_over_budget};
 use crate::error::EngineError;
 use crate::render::{OffsetBases, Offsets, Renderer};
@@ -52,6 +52,7 @@ pub(super) struct Stage {
     penalty_sums: SumScratch,
     pub(super) raw: Buffer<f32>,
     marked: Buffer<f32>,
+    /// Gradient of the losses that look at pixels; empty when none has a weight.
     v_marked: Buffer<f32>,
     v_raw: Buffer<f32>,
     pub(super) resized: Buffer<f32>,
@@ -81,7 +82,7 @@ impl Stage {
             penalty_sums: SumScratch::new(device, offsets.div_ceil(4))?,
             raw: full("raw")?,
             marked: full("marked")?,
-            v_marked: full("v_marked")?,
+            v_marked: if config.looks_at_pixels() { full("v_marked")? } else { device.buffer("stage.v_marked", 0)? },
             v_raw: full("v_raw")?,
             resized: small("resized")?,
             noisy_resized: small("noisy_resized")?,
@@ -117,6 +118,8 @@ pub struct StepReport {
     pub mse: f32,
     /// Reconstruction loss (L1 and 1 − SSIM); 0 when its weight is.
     pub recon: f32,
+    /// LPIPS; 0 in a step that does not compare by it.
+    pub lpips: f32,
     /// Offset penalty; 0 when its weight is.
     pub offset: f32,
     /// Weighted sum of the losses.
@@ -150,6 +153,8 @@ pub(super) struct Rates {
     pub(super) stream: u32,
     /// Control that the step reads, if it trains R.
     pub(super) control: ControlTurn,
+    /// First row and column of what is compared by LPIPS, in the steps that do.
+    pub(super) lpips: Option<[usize; 2]>,
 }
 
 /// Both parameter groups of the offsets.
@@ -173,12 +178,14 @@ pub(super) struct Critic {
     objective: Objective,
     values: Buffer<f32>,
     branches: Vec<Branch>,
-    /// What the host reads of a step, in one piece: `values`, the branches' losses, logits of all branches.
+    /// What the host reads of a step, in one piece: `values`, the branches' losses, logits of all branches, LPIPS.
     report: Buffer<f32>,
     scratch_logits: Buffer<f32>,
     sums: SumScratch,
     /// Working memory for SSIM, when it is part of the loss.
     similarity: Option<SsimScratch>,
+    /// LPIPS, when it is part of the loss.
+    perception: Option<Perception>,
 }
 
 /// Logits of one clip and their loss.
@@ -198,7 +205,9 @@ impl Critic {
     ) -> Result<Self, EngineError> {
         let branches = features.branches();
         let bits: Vec<f32> = message.bits().map(|b| f32::from(u8::from(b))).collect();
-        let reported = NUM_VALUES + branches * (1 + CLIP_FRAMES * bits.len());
+        let perception = Perception::new(device, config)?;
+        let logits = branches * CLIP_FRAMES * bits.len();
+        let reported = NUM_VALUES + branches + logits + perception.as_ref().map_or(0, |p| p.values().len());
         let branch = || -> Result<Branch, KernelError> {
             Ok(Branch {
                 logits: device.buffer("critic.logits", CLIP_FRAMES * bits.len())?,
@@ -227,6 +236,7 @@ impl Critic {
                 _ => Objective::Bce,
             },
             message: *message,
+            perception,
             features,
             decoder,
         })
@@ -283,6 +293,9 @@ impl Critic {
         let mut rec = device.recorder()?;
         stage.render(&mut rec, clip)?;
         self.fidelity(&mut rec, stage, clip, config)?;
+        if let (Some(perception), Some(corner)) = (&mut self.perception, rates.lpips) {
+            perception.step(&mut rec, (&stage.marked, &clip.reference), corner, &mut stage.v_marked)?;
+        }
         self.logits(&mut rec, stage, clip, config, rates)?;
         self.message_losses(&mut rec, config, rates)?;
         self.update(&mut rec, stage, clip, config, rates)?;
@@ -291,7 +304,7 @@ impl Critic {
         Ok((self.report(config, rates)?, timings))
     }
 
-    /// Reconstruction loss and the squared error, with their gradient in `stage.v_marked`.
+    /// Reconstruction loss, with its gradient in `stage.v_marked` where that is wanted, and the squared error.
     fn fidelity(
         &mut self,
         rec: &mut Recorder,
@@ -310,7 +323,8 @@ impl Critic {
         // The squared error is only measured: the fidelity is held by scaling the offsets.
         let weights = PixelWeights { square: 0.0, absolute: 1.0 - config.lambda_ssim };
         let term = Term { values, slot: MSE, weight: config.lambda_recon, accumulate: Accumulate::Overwrite };
-        pixel::step(rec, (&pair, weights), &mut stage.v_marked, term, &mut self.sums)?;
+        let v_marked = Some(&mut stage.v_marked).filter(|v| !v.is_empty());
+        pixel::step(rec, (&pair, weights), v_marked, term, &mut self.sums)?;
         if let (Some(moments), Some(scratch)) = (&clip.moments, &mut self.similarity) {
             let pair = SsimPair { clip: &stage.marked, reference: &clip.reference, moments };
             let weight = config.lambda_recon * config.lambda_ssim;
@@ -392,9 +406,9 @@ impl Critic {
         let pass = &mut self.passes[pass];
         self.decoder.backward(rec, pass)?;
         self.features.backward(rec, &pass.v_features, training)?;
-        let into = (&mut stage.v_marked, Accumulate::Add);
+        let plus = Some(&stage.v_marked).filter(|v| !v.is_empty());
+        let into = (&mut stage.v_raw, Onward { plus, clamped: Some(&stage.raw) });
         resize::backward(rec, &stage.resize, &self.features.v_x, into, &mut stage.resize_scratch)?;
-        clamp01::backward(rec, &stage.raw, &stage.v_marked, &mut stage.v_raw)?;
         rec.fill(&mut stage.v_offsets, 0.0);
         let offsets = Offsets { data: &stage.offsets, bases: stage.bases };
         stage.renderer.backward_clip(rec, &clip.plans, offsets, &stage.v_raw, &mut stage.v_offsets)?;
@@ -422,7 +436,13 @@ impl Critic {
             rec.copy(&branch.value, 0, &mut self.report, NUM_VALUES + i, 1)?;
         }
         let logits = &self.branches[0].logits;
-        rec.copy(logits, 0, &mut self.report, NUM_VALUES + self.branches.len(), logits.len())
+        rec.copy(logits, 0, &mut self.report, NUM_VALUES + self.branches.len(), logits.len())?;
+        if let Some(perception) = &self.perception {
+            let values = perception.values();
+            let at = self.report.len() - values.len();
+            rec.copy(values, 0, &mut self.report, at, values.len())?;
+        }
+        Ok(())
     }
 
     fn report(&self, config: &EmbedConfig, rates: Rates) -> Result<StepReport, KernelError> {
@@ -439,12 +459,18 @@ impl Critic {
             true => (1.0 - config.lambda_ssim) * values[L1] + config.lambda_ssim * values[DISSIMILARITY],
             false => 0.0,
         };
+        let lpips = match (&self.perception, rates.lpips) {
+            (Some(perception), Some(_)) => perception.score(&read[read.len() - perception.values().len()..]),
+            _ => 0.0,
+        };
         let (message, offset) = (losses[0], values[OFFSET]);
         let total = config.lambda_msg * (message + config.lambda_control * control)
             + config.lambda_recon * recon
+            + config.lpips.as_ref().map_or(0.0, |term| term.lambda * lpips)
             + config.lambda_offset * offset;
         let bit_accuracy = share_right(marked, &vec![0.0; self.target.len()], &self.message);
-        Ok(StepReport { message, control, mse: values[MSE], recon, offset, total, bit_accuracy, held_out: None })
+        let mse = values[MSE];
+        Ok(StepReport { message, control, mse, recon, lpips, offset, total, bit_accuracy, held_out: None })
     }
 
     /// Fidelity and readability of the mark on clips that no step is taken on. Forward only, and without a trace:
@@ -472,7 +498,7 @@ impl Critic {
             rec.copy(&pass.logits, 0, &mut self.report, at, len * self.branches.len())?;
             rec.submit()?;
             let read = self.report.read()?;
-            let (of_marked, of_unmarked) = read[at..].split_at(len);
+            let (of_marked, of_unmarked) = read[at..at + len * self.branches.len()].split_at(len);
             squares += read[MSE];
             marked.extend_from_slice(of_marked);
             unmarked.extend_from_slice(of_unmarked);

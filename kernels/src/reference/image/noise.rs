@@ -1,6 +1,6 @@
 //! Twin of `image/noise`.
 
-use super::clamp01::{clamp, gate};
+use super::{clamp, gate};
 use crate::reference::Real;
 
 /// PCG4D, Jarzynski & Olano 2020.

@@ -1,6 +1,6 @@
 //! Twin of `image/quantize_round`.
 
-use super::clamp01::clamp;
+use super::clamp;
 use crate::reference::Real;
 
 /// Colours of `[n,4]` rounded to 8 bits, halves up; the fourth channel is copied.
