@@ -1,8 +1,11 @@
+mod chroma420;
 mod colour_map;
+mod jpeg;
 mod noise;
 mod normalize;
 mod quantize;
 mod resize;
+mod warp;
 
 use guard4d_kernels::{Buffer, KernelError, Recorder};
 
