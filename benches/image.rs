@@ -1,6 +1,7 @@
 //! Operations on clips: the antialiased resize to CLIP's input, and those that take one pixel at a time.
 
 use guard4d_kernels::Buffer;
+use guard4d_kernels::image::crop::{self, Cells, Crop, Window};
 use guard4d_kernels::image::jpeg::{self, JpegQuality};
 use guard4d_kernels::image::noise::{self, Noise};
 use guard4d_kernels::image::normalize::{self, Normalization};
@@ -24,6 +25,7 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
     };
     resize_clip(bench, &mut clips)?;
     map_pixels(bench, &mut clips)?;
+    cut_out(bench, &mut clips)?;
     disturb_pixels(bench, &mut clips)?;
     distort(bench, &mut clips)
 }
@@ -71,6 +73,23 @@ fn map_pixels(bench: &mut Bench, clips: &mut Clips) -> Outcome {
     let by = Normalization { mean: [0.5; 3], std: [0.25; 3] };
     bench.passes(&format!("image/normalize forward {label}"), two(), |rec| normalize::forward(rec, &by, x, out))?;
     bench.passes(&format!("image/normalize backward {label}"), two(), |rec| normalize::backward(rec, &by, v_y, out))
+}
+
+/// Whole frames in the cells of four pixels that `AlexNet`'s first layer strides over.
+fn cut_out(bench: &mut Bench, clips: &mut Clips) -> Outcome {
+    let (patch, padding) = (4, 2);
+    let full = ImageSize { height: SIDE, width: SIDE };
+    let cells = Cells { grid: [SIDE / patch + 1; 2], patch, padding };
+    let crop = Crop { window: Window { frame: 0, frames: FRAMES, corner: [0; 2], size: full, full }, cells };
+    let by = Normalization { mean: [0.5; 3], std: [0.25; 3] };
+    let mut y = bench.device.buffer("y", cells.len(FRAMES))?;
+    let label = format!("{FRAMES}x{SIDE}x{SIDE}, patch {patch}");
+    bench.passes(&format!("image/crop forward {label}"), two(), |rec| {
+        crop::forward(rec, (&crop, &by), &clips.x, (&mut y, 0))
+    })?;
+    bench.passes(&format!("image/crop backward {label}"), three(), |rec| {
+        crop::backward(rec, (&crop, &by), &y, &mut clips.out)
+    })
 }
 
 fn disturb_pixels(bench: &mut Bench, clips: &mut Clips) -> Outcome {

@@ -2,6 +2,7 @@
 
 use guard4d_kernels::image::resize::ImageSize;
 use guard4d_kernels::loss::bce::{self, Groups, Objective};
+use guard4d_kernels::loss::lpips::{self, LpipsSums, Tap};
 use guard4d_kernels::loss::offset_penalty::{self, Blocks};
 use guard4d_kernels::loss::pixel::{self, PixelWeights};
 use guard4d_kernels::loss::ssim::{self, SsimPair, SsimReference, SsimScratch};
@@ -24,6 +25,7 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
     pictures(bench)?;
     messages(bench)?;
     offsets(bench)?;
+    features(bench)?;
     let (partial, mut values) = (bench.data("partial", PARTIALS)?, bench.device.buffer("values", 1)?);
     bench.passes("loss/sum 64 Ki partial sums", Work::Bytes((4 * PARTIALS) as f64, "4·n"), |rec| {
         sum::finish(rec, (&partial, 0..PARTIALS), 1.0, (&mut values, 0))
@@ -94,5 +96,20 @@ fn offsets(bench: &mut Bench) -> Outcome {
     bench.passes(&format!("loss/offset_penalty {SPLATS} splats, all bases"), work, |rec| {
         let term = Term { values: &mut values, slot: 0, weight: 1.0, accumulate: Accumulate::Overwrite };
         offset_penalty::step(rec, (&offsets, blocks), &mut v_offsets, term, &mut sums)
+    })
+}
+
+/// The first tap of `AlexNet` on eight frames of 200 px.
+fn features(bench: &mut Bench) -> Outcome {
+    let (rows, channels) = (8 * 49 * 49, 64);
+    let (features, weight) = (bench.data("features", 2 * rows * channels)?, bench.data("weight", channels)?);
+    let mut v_features = bench.device.buffer("v_features", rows * channels)?;
+    let mut values = bench.device.buffer("values", 1)?;
+    let mut sums = LpipsSums::new(&bench.device, rows)?;
+    let work = Work::Bytes((12 * rows * channels) as f64, "3·4·rows·c");
+    bench.passes(&format!("loss/lpips {rows}x{channels}"), work, |rec| {
+        let tap = Tap { features: &features, weight: &weight, rows, mean_over: rows };
+        let term = Term { values: &mut values, slot: 0, weight: 1.0, accumulate: Accumulate::Overwrite };
+        lpips::step(rec, &tap, &mut v_features, term, &mut sums)
     })
 }

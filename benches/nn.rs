@@ -2,12 +2,14 @@
 
 use guard4d_kernels::nn::activation::{self, Activation as Pointwise};
 use guard4d_kernels::nn::attention::{self, AttentionShape, AttentionState, Mask, ProjectionGrads, Projections};
+use guard4d_kernels::nn::conv2d::{self, Conv2d, FilterBank, Filters};
 use guard4d_kernels::nn::conv3d::{
     self, Activation, Bias, Conv3d, Conv3dScratch, InputGradient, Padding, TAPS, WeightGradient,
 };
 use guard4d_kernels::nn::embedding::{self, Tables};
 use guard4d_kernels::nn::layer_norm::{self, LayerNorm, Rows};
 use guard4d_kernels::nn::matmul::{self, GradScratch, Product};
+use guard4d_kernels::nn::max_pool::{self, MaxPool};
 use guard4d_kernels::nn::pack::{self, Order, PackedWeight, Precision};
 use guard4d_kernels::nn::patch_embed::{self, PatchShape};
 use guard4d_kernels::nn::{axpy, column_sum, l2_normalize, row_mean, transpose};
@@ -29,7 +31,8 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
     reduce(bench)?;
     patches(bench)?;
     tokens(bench)?;
-    convolve(bench)
+    convolve(bench)?;
+    filter(bench)
 }
 
 /// Bytes of this many passes over `[ROWS, WIDTH]`.
@@ -192,6 +195,7 @@ fn layer(side: usize, in_channels: usize, out_channels: usize) -> Conv3d {
         space: Padding::Reflect,
         bias: Bias::None,
         activation: Activation::Relu,
+        precision: Precision::F32,
     }
 }
 
@@ -230,4 +234,35 @@ fn convolve(bench: &mut Bench) -> Outcome {
         let gradient = WeightGradient { x: &x, v_y: &v_y, v_weight: &mut v_weight, accumulate };
         conv3d::backward_weight(rec, &conv, gradient, &mut scratch)
     })
+}
+
+/// Layers of `AlexNet` on eight frames of 200 px, as LPIPS sees them: 24 x 24 pixels after the first pooling, 11 x 11 after the second.
+fn filter(bench: &mut Bench) -> Outcome {
+    for (side, inputs, outputs, taps) in [(24, 64, 192, 5), (11, 192, 384, 3), (11, 256, 256, 3)] {
+        let weight = vec![0.01; outputs * inputs * taps * taps];
+        let bank =
+            FilterBank { weight: &weight, bias: &vec![0.0; outputs], out_channels: outputs, in_channels: inputs, taps };
+        let filters = Filters::new(&bench.device, "filters", &bank)?;
+        let conv = Conv2d { frames: 8, height: side, width: side, padding: taps / 2 };
+        let pixels = 8 * side * side;
+        let (x, v_y) = (bench.data("x", pixels * inputs)?, bench.data("v_y", pixels * outputs)?);
+        let (mut y, mut v_x) = (bench.device.buffer("y", v_y.len())?, bench.device.buffer("v_x", x.len())?);
+        let work = Work::Flops((2 * taps * taps * pixels * inputs * outputs) as f64, "2·taps²·F·H·W·Ci·Co");
+        let label = format!("{inputs}->{outputs}, {taps} taps, 8x{side}x{side}");
+        bench.passes(&format!("nn/conv2d forward {label}"), work, |rec| {
+            conv2d::forward(rec, (&conv, &filters), &x, Pointwise::Relu, &mut y)
+        })?;
+        bench.passes(&format!("nn/conv2d backward {label}"), work, |rec| {
+            conv2d::backward(rec, (&conv, &filters), &v_y, Some(&x), &mut v_x)
+        })?;
+    }
+    let pool = MaxPool { frames: 8, height: 99, width: 99, channels: 64, side: 3, stride: 2 };
+    let (x_len, y_len) = pool.lens();
+    let x = bench.data("x", x_len)?;
+    let (mut y, mut v_x) = (bench.device.buffer("y", y_len)?, bench.device.buffer("v_x", x_len)?);
+    let label = "64 channels, 3 every 2, 8x99x99";
+    let work = Work::Bytes((4 * (x_len + y_len)) as f64, "4·(x + y)");
+    bench.passes(&format!("nn/max_pool forward {label}"), work, |rec| max_pool::forward(rec, &pool, &x, &mut y))?;
+    let work = Work::Bytes((4 * (2 * x_len + y_len)) as f64, "4·(2·x + y)");
+    bench.passes(&format!("nn/max_pool backward {label}"), work, |rec| max_pool::backward(rec, &pool, &x, &y, &mut v_x))
 }

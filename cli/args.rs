@@ -212,6 +212,34 @@ pub(crate) enum BasesArg {
     All,
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum LpipsInputArg {
+    /// Colours in [-1, 1], as LPIPS is defined
+    Canonical,
+    /// Colours in [0, 1], as much of the literature on splats feeds it; its figures are others
+    Unit,
+}
+
+/// LPIPS beside PSNR and SSIM.
+#[derive(Args, Debug)]
+pub(crate) struct LpipsArgs {
+    /// LPIPS weights, version 0.1 for AlexNet or VGG16, as safetensors: report LPIPS, and train with it if --lambda-lpips says so
+    #[arg(long, value_name = "FILE")]
+    pub(crate) lpips: Option<PathBuf>,
+    /// Weight of LPIPS in the loss; 0 only reports it
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0, requires = "lpips")]
+    pub(crate) lambda_lpips: f32,
+    /// Range in which LPIPS is given colours
+    #[arg(long, value_enum, default_value = "canonical", requires = "lpips")]
+    pub(crate) lpips_input: LpipsInputArg,
+    /// Train LPIPS on a square part of the frames of this side, another in every step, instead of whole frames: faster
+    #[arg(long, value_name = "PX", requires = "lpips")]
+    pub(crate) lpips_crop: Option<u32>,
+    /// Train LPIPS in every K-th step only, and count it K times: faster, less exact
+    #[arg(long, value_name = "K", default_value_t = 1, requires = "lpips")]
+    pub(crate) lpips_every: u32,
+}
+
 #[derive(Args, Debug)]
 pub(crate) struct EmbedArgs {
     /// 4DGaussians model folder or static INRIA PLY; with --undo the marked one
@@ -242,6 +270,8 @@ pub(crate) struct EmbedArgs {
     /// Let `joint` read an unmarked control clip on every K-th step only, and count it K times: faster, less exact
     #[arg(long, value_name = "K", default_value_t = 1)]
     pub(crate) control_every: u32,
+    #[command(flatten)]
+    pub(crate) lpips: LpipsArgs,
     #[command(flatten)]
     pub(crate) effort: EffortArgs,
     /// Fidelity to hold, in dB over whole frames, instead of the profile's

@@ -2,17 +2,21 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bytesize::ByteSize;
 use guard4d_engine::EngineError;
 use guard4d_engine::clip::{Clip, ClipSource};
+use guard4d_engine::lpips::{LpipsInput, LpipsWeights};
 use guard4d_engine::output::{AtomicDir, Existing};
 use guard4d_engine::render::OffsetBases;
 use guard4d_engine::scene::{CameraSet, Model};
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::delivery::{self, Delivery};
-use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, Profile, Subject};
+use guard4d_engine::watermark::embed::{
+    EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, LpipsTerm, Profile, Subject,
+};
 use guard4d_engine::watermark::evaluate::Evaluation;
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::gate::{Gate, Shortfall};
@@ -22,7 +26,7 @@ use guard4d_engine::watermark::undo;
 use guard4d_kernels::Device;
 use serde::Serialize;
 
-use crate::args::{BasesArg, Common, EffortArgs, EmbedArgs, ExtractorArg, ProfileArg};
+use crate::args::{BasesArg, Common, EffortArgs, EmbedArgs, ExtractorArg, LpipsArgs, LpipsInputArg, ProfileArg};
 use crate::devices;
 use crate::progress::bar;
 use crate::report::{Outcome, cost_rows, evidence_in_words, note, print, reading_rows, say, table};
@@ -106,7 +110,7 @@ impl Inputs {
         let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
         let message = Payload::parse(&args.message, bits)?.message(&key.prf())?;
         let cameras = cameras(&args.views)?;
-        Ok(Self { device, clip, key, model, message, cameras, config: config(args), gate })
+        Ok(Self { device, clip, key, model, message, cameras, config: config(args)?, gate })
     }
 
     fn subject(&self) -> Subject<'_> {
@@ -156,7 +160,7 @@ fn gate(args: &EmbedArgs, bits: usize) -> Result<Gate, EngineError> {
 }
 
 /// The profile's numbers with what flags change.
-fn config(args: &EmbedArgs) -> EmbedConfig {
+fn config(args: &EmbedArgs) -> Result<EmbedConfig, EngineError> {
     let profile = match args.profile {
         ProfileArg::Draft => Profile::Draft,
         ProfileArg::Balanced => Profile::Balanced,
@@ -178,7 +182,23 @@ fn config(args: &EmbedArgs) -> EmbedConfig {
     if let Some(target) = args.target_psnr {
         config = config.with_target(target);
     }
-    config
+    config.lpips = lpips(&args.lpips)?;
+    Ok(config)
+}
+
+/// The network that flags name, and what is done with it.
+fn lpips(args: &LpipsArgs) -> Result<Option<LpipsTerm>, EngineError> {
+    let Some(path) = &args.lpips else { return Ok(None) };
+    Ok(Some(LpipsTerm {
+        weights: Arc::new(LpipsWeights::read(path)?),
+        input: match args.lpips_input {
+            LpipsInputArg::Canonical => LpipsInput::Canonical,
+            LpipsInputArg::Unit => LpipsInput::UnitFed,
+        },
+        lambda: args.lambda_lpips,
+        crop_px: args.lpips_crop,
+        every: args.lpips_every,
+    }))
 }
 
 /// Replaces what a profile spends by what flags say.

@@ -87,13 +87,15 @@ pub(crate) fn reading_rows(e: &Evaluation) -> Vec<Row> {
 /// How well held-out frames were kept and what that took in time and device memory, for people.
 pub(crate) fn cost_rows(e: &Evaluation, seconds: &BTreeMap<String, f64>, peak_memory_bytes: u64) -> Vec<Row> {
     let stages: Vec<String> = seconds.iter().map(|(stage, s)| format!("{stage} {s:.1}")).collect();
-    vec![
+    let mut rows = vec![
         ("PSNR whole frame", format!("{:.2} dB", e.psnr.mean_of_views_db.0)),
         ("PSNR object only", format!("{:.2} dB", e.foreground_psnr.mean_of_views_db.0)),
         ("SSIM", format!("{:.4}", e.ssim)),
-        ("seconds", stages.join(", ")),
-        ("device memory at its peak", format!("{:.1} MB", peak_memory_bytes as f64 * 1e-6)),
-    ]
+    ];
+    rows.extend(e.lpips.map(|lpips| ("LPIPS", format!("{lpips:.5}"))));
+    rows.push(("seconds", stages.join(", ")));
+    rows.push(("device memory at its peak", format!("{:.1} MB", peak_memory_bytes as f64 * 1e-6)));
+    rows
 }
 
 /// A share as people read it.

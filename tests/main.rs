@@ -7,6 +7,7 @@ mod benches;
 mod cli;
 mod clip;
 mod kernels;
+mod lpips;
 mod media;
 mod pipeline;
 mod render;

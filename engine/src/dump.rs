@@ -10,6 +10,7 @@ use guard4d_kernels::loss::ssim::{self, SsimPair, SsimReference, SsimScratch};
 use guard4d_kernels::nn::conv3d::{
     self, Activation, Bias, Conv3d, Conv3dScratch, InputGradient, Padding, WeightGradient,
 };
+use guard4d_kernels::nn::pack::Precision;
 use guard4d_kernels::optim::adam::{self, AdamConfig, AdamState};
 use guard4d_kernels::shape::{Accumulate, ClipShape};
 use guard4d_kernels::{Buffer, Device};
@@ -263,6 +264,7 @@ pub fn conv3d(device: &Device, input: &TensorFile, border: Border) -> Result<Ten
         space,
         bias: if bias.is_some() { Bias::Added } else { Bias::None },
         activation: Activation::Identity,
+        precision: Precision::F32,
     };
     let mut packed = conv.pack(weight, ci, co);
     let terms = packed.len() - if bias.is_some() { conv.out_channels } else { 0 };

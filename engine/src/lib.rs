@@ -6,6 +6,7 @@ pub mod deform;
 pub mod demo;
 pub mod dump;
 pub mod error;
+pub mod lpips;
 pub mod media;
 pub mod output;
 pub mod render;

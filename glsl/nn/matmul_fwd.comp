@@ -2,6 +2,7 @@
 // nn/matmul_fwd: C = epilogue(A*W^T + bias). One subgroup of eight lanes per tile of 16 rows x 8*BLOCKS columns.
 //   in   a [m, k]   w packed by nn/pack [n/8][k/4][8] vec4   bias [n]   aux [m, n], read if MODE > 0
 //        FIXED16: w packed [n/16][k/4][8] uvec4 of 16-bit codes, times scale [n]
+//        WINDOWS: a holds images, whose windows are the rows of A (lib/windows)
 //   out  c [m, n] (=)   MODE 0: act(s)   MODE 1: s + aux   MODE 2: s * act'(aux), for s = A*W^T + bias
 //   twin kernels/src/reference/nn/matmul.rs   sums run over k in order, so the result is deterministic
 #extension GL_EXT_control_flow_attributes : require
@@ -12,7 +13,14 @@ layout(local_size_x = 8) in;
 layout(constant_id = 0) const int BLOCKS = 6;
 layout(constant_id = 1) const uint MODE = 0;
 layout(constant_id = 2) const uint ACTIVATION = 0;
+#ifdef WINDOWS
+layout(push_constant) uniform Params {
+    int m, n, k, height, width, out_height, out_width, channels4, taps, padding;
+} p;
+#include "lib/windows.glsl"
+#else
 layout(push_constant) uniform Params { int m; int n; int k; } p;
+#endif
 TEXELS_F32(0, a_tex);
 #ifdef FIXED16
 TEXELS_U32(1, w_tex);

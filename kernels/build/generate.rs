@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use crate::Programs;
-use crate::reflect::{Binding, Kernel, Kind, Scalar};
+use crate::reflect::{Binding, Kernel, Kind, MAX_COOP_SHARED_BYTES, Scalar};
 
 /// The registry's source text, families and kernels sorted by name. The text depends on the shaders' interfaces alone, so
 /// that two compilers that agree on them yield the same bytes.
@@ -24,6 +24,11 @@ pub(crate) fn registry(kernels: &[Programs]) -> String {
         }
         out.push_str("}\n");
     }
+    let _ = writeln!(
+        out,
+        "/// Bytes of workgroup memory that kernels over cooperative matrices take at most.\n\
+         pub const COOP_SHARED_BYTES: u32 = {MAX_COOP_SHARED_BYTES};"
+    );
     let _ = writeln!(out, "/// Every kernel, sorted by name.\npub static ALL: &[&crate::vk::KernelDef] = &[\n{all}];");
     out
 }

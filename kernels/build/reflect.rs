@@ -8,6 +8,8 @@ use rspirv::spirv::{Capability, Decoration, ExecutionMode, Op, StorageClass};
 /// What the tile kernels may need: Vulkan grants every device this much workgroup memory and these many invocations.
 const MAX_SHARED_BYTES: u32 = 16 << 10;
 const MAX_INVOCATIONS: u32 = 128;
+/// Workgroup memory that the kernels over cooperative matrices may need, which the host asks of a device.
+pub(crate) const MAX_COOP_SHARED_BYTES: u32 = 32 << 10;
 
 /// Scalar type shared by host and shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -112,7 +114,7 @@ pub(crate) fn module(name: &str, words: &[u32]) -> Result<Reflected, String> {
 
 /// Checks that a tile kernel runs on any device.
 pub(crate) fn check_tiles(tiles: &Reflected) -> Result<(), String> {
-    check_needs(tiles, &[Capability::Shader])?;
+    check_needs(tiles, &[Capability::Shader], MAX_SHARED_BYTES)?;
     if let Some(texels) = tiles.kernel.bindings.iter().find(|b| b.kind == Kind::Texel) {
         return Err(format!(
             "`{}` is a texel buffer in the tile kernel too: declare it by lib/texels.glsl",
@@ -132,23 +134,21 @@ pub(crate) fn check_coop(coop: &Reflected) -> Result<(), String> {
         Capability::VulkanMemoryModel,
         Capability::CooperativeMatrixKHR,
     ];
-    check_needs(coop, &granted)
+    check_needs(coop, &granted, MAX_COOP_SHARED_BYTES)
 }
 
 /// Checks what a module asks of a device.
-fn check_needs(module: &Reflected, granted: &[Capability]) -> Result<(), String> {
+fn check_needs(module: &Reflected, granted: &[Capability], max_shared_bytes: u32) -> Result<(), String> {
     if let Some(foreign) = module.capabilities.iter().find(|c| !granted.contains(c)) {
-        return Err(format!("the tile kernel needs the capability {foreign:?}"));
+        return Err(format!("the kernel needs the capability {foreign:?}"));
     }
-    if module.shared_bytes > MAX_SHARED_BYTES {
+    if module.shared_bytes > max_shared_bytes {
         let bytes = module.shared_bytes;
-        return Err(format!("the tile kernel takes {bytes} bytes of workgroup memory, more than {MAX_SHARED_BYTES}"));
+        return Err(format!("the kernel takes {bytes} bytes of workgroup memory, more than {max_shared_bytes}"));
     }
     let invocations: u32 = module.kernel.local_size.iter().product();
     if invocations > MAX_INVOCATIONS {
-        return Err(format!(
-            "a workgroup of the tile kernel has {invocations} invocations, more than {MAX_INVOCATIONS}"
-        ));
+        return Err(format!("a workgroup of the kernel has {invocations} invocations, more than {MAX_INVOCATIONS}"));
     }
     Ok(())
 }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::scene::ply;
 use guard4d_engine::tensor_file::TensorFile;
+use guard4d_engine::watermark::digest::Digest;
 use serde_json::Value;
 
 use super::{Run, command, guard4d, interrupted, is_begun, names, put, scratch};
@@ -14,6 +15,7 @@ use crate::scene::fixture::gaussians;
 use crate::support::files_below;
 use crate::support::gpu::{Gpu, device};
 use crate::support::owner::key_file;
+use crate::support::random_lpips;
 
 /// Training steps; a signal has to arrive between the first and the last, on a busy machine too.
 const STEPS: u32 = 8;
@@ -171,6 +173,31 @@ fn the_receipt_tells_how_often_there_was_a_control() {
     let receipt: Value = serde_json::from_slice(&receipt).expect("JSON");
     assert_eq!(receipt["body"]["settings"]["embed"]["control_every"], 2, "{receipt}");
     assert_eq!(receipt["body"]["settings"]["steps_taken"], 3, "{receipt}");
+}
+
+#[test]
+fn lpips_is_trained_and_reported_with_the_weights_that_were_given() {
+    let Some(gpu) = device() else { return };
+    let mut small = Small::new(&gpu);
+    small.set("--steps", "3");
+    small.set("--extractor", "blind");
+    let weights = random_lpips::write(small.folder.path()).display().to_string();
+    small.run("out", &["--lambda-lpips", "1"]).refused(2, &["--lpips <FILE>"]);
+    small.run("out", &["--lpips", "nowhere.safetensors"]).refused(66, &["nowhere.safetensors"]);
+    small.run("out", &["--lpips", &weights, "--lpips-crop", "8"]).refused(2, &["LPIPS compares: 8", "at least 31 px"]);
+    let options = ["--lpips", &weights, "--lambda-lpips", "0.5", "--lpips-input", "unit", "--lpips-every", "2"];
+    let done = small.run("out", &[&options[..], &["--json", "--min-accuracy", "0"]].concat());
+    done.done();
+    let printed: Value = serde_json::from_str(&done.stdout).expect("JSON on stdout");
+    assert!(printed["lpips"].as_f64().is_some_and(|v| v > 0.0 && v.is_finite()), "{printed}");
+    let receipt = fs::read(small.out("out").join("private/receipt.json")).expect("a receipt");
+    let receipt: Value = serde_json::from_slice(&receipt).expect("JSON");
+    assert_eq!(receipt["body"]["figures"]["lpips"], printed["lpips"], "{receipt}");
+    let said = &receipt["body"]["settings"]["embed"]["lpips"];
+    let digest = Digest::of_file(Path::new(&weights)).expect("readable").to_string();
+    assert_eq!(said["weights"]["blake3"], digest, "{said}");
+    assert_eq!((&said["lambda"], &said["every"]), (&0.5.into(), &2.into()), "{said}");
+    assert_eq!((&said["input"], &said["crop_px"]), (&"unit_fed".into(), &Value::Null), "{said}");
 }
 
 #[test]

@@ -9,6 +9,7 @@ pub(crate) mod owner;
 pub(crate) mod poison;
 pub(crate) mod pth_builder;
 pub(crate) mod random;
+pub(crate) mod random_lpips;
 pub(crate) mod raster;
 pub(crate) mod tiny_clip;
 

@@ -1,12 +1,14 @@
 //! What a training step takes, and what it shows of clips that it never sees.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use guard4d_engine::EngineError;
+use guard4d_engine::lpips::{LpipsInput, LpipsWeights};
 use guard4d_engine::scene::{Camera, CameraSet, View};
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::embed::{
-    EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, Profile, Start, StepReport,
+    EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, LpipsTerm, Profile, Start, StepReport,
 };
 use guard4d_engine::watermark::evaluate::HeldOut;
 use guard4d_engine::watermark::evidence::ExtractorMode;
@@ -18,6 +20,7 @@ use guard4d_kernels::vk::MemoryUse;
 use crate::support::close::assert_close;
 use crate::support::gpu::{Gpu, device, own_device, staged_device};
 use crate::support::owner::{BITS, Owner};
+use crate::support::random_lpips;
 
 fn config(owner: &Owner, mode: ExtractorMode) -> EmbedConfig {
     let tmsd = EmbedConfig::new(Profile::Draft, mode).tmsd;
@@ -38,7 +41,8 @@ fn a_step_allocates_nothing_even_where_the_host_cannot_see_device_memory() {
     let mut fitted: Option<ExtractorWeights> = None;
     for mode in [ExtractorMode::Joint, ExtractorMode::Blind, ExtractorMode::None] {
         // Every loss, so that every kernel of a step runs.
-        let every_loss = EmbedConfig { lambda_recon: 1.0, lambda_offset: 1.0, ..config(&owner, mode) };
+        let lpips = Some(lpips(1.0, None, 1));
+        let every_loss = EmbedConfig { lambda_recon: 1.0, lambda_offset: 1.0, lpips, ..config(&owner, mode) };
         let config = EmbedConfig { steps: 6, views: 1, held_out_every: 2, ..every_loss };
         // Only `joint` trains its extractor; the others step alike on any that they are given.
         let given = fitted.take().map(|weights| without(mode, weights));
@@ -50,7 +54,8 @@ fn a_step_allocates_nothing_even_where_the_host_cannot_see_device_memory() {
             let report = embedding.step().expect("steps").expect("there are six");
             assert_eq!(report.held_out.is_some(), step % 2 == 0, "{mode:?}: measured after step {step}");
             assert!(report.recon.is_finite() && report.offset.is_finite(), "{mode:?}: {report:?}");
-            assert!(step == 1 || report.recon > 0.0 && report.offset > 0.0, "{mode:?}, every loss: {report:?}");
+            let all = report.recon > 0.0 && report.offset > 0.0 && report.lpips > 0.0;
+            assert!(step == 1 || all, "{mode:?}, every loss: {report:?}");
             assert_eq!(report.control > 0.0, mode == ExtractorMode::Joint, "{mode:?}: {report:?}");
             after.push(taken());
         }
@@ -241,6 +246,77 @@ fn a_control_counts_as_often_as_it_is_left_out() {
 
     let refused = embeddings[2].restore(&path(2)).expect_err("other settings");
     assert!(matches!(&refused, EngineError::BadData { field, .. } if field == "identity"), "{refused}");
+}
+
+/// LPIPS with a random network.
+fn lpips(lambda: f32, crop_px: Option<u32>, every: u32) -> LpipsTerm {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let weights = LpipsWeights::read(&random_lpips::write(folder.path())).expect("complete");
+    LpipsTerm { weights: Arc::new(weights), input: LpipsInput::Canonical, lambda, crop_px, every }
+}
+
+#[test]
+fn lpips_joins_the_loss_in_its_turn_also_after_a_break() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let plain = EmbedConfig { steps: 5, size_px: (40, 36), ..config(&owner, ExtractorMode::None) };
+    let with = |term: LpipsTerm| EmbedConfig { lpips: Some(term), ..plain.clone() };
+    let prepare = |config: EmbedConfig| Embedding::prepare(owner.subject(&gpu), config).expect("prepares");
+    let bits = |e: &Embedded| e.sh_coeffs.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    let (without, unweighted) = (train(prepare(plain.clone())), train(prepare(with(lpips(0.0, None, 1)))));
+    assert_eq!(without.0, unweighted.0, "a weight of 0 changes no step");
+    assert!(bits(&without.1) == bits(&unweighted.1), "nor the mark");
+
+    let seldom = with(lpips(10.0, Some(32), 2));
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("checkpoint.safetensors");
+    let mut first = prepare(seldom.clone());
+    let mut reports = vec![first.step().expect("steps").expect("there are five")];
+    first.save(&path).expect("saves");
+    let (rest, unbroken) = train(first);
+    reports.extend(rest);
+    for (step, report) in reports.iter().enumerate() {
+        // Before the first step there is no mark to see.
+        assert_eq!(report.lpips > 0.0, step == 2 || step == 4, "step {step}: {report:?}");
+        assert!(report.lpips >= 0.0, "step {step}: {report:?}");
+    }
+    assert!(bits(&unbroken) != bits(&without.1), "it has a gradient");
+    let mut second = prepare(seldom.clone());
+    second.restore(&path).expect("restores");
+    let (rest, resumed) = train(second);
+    assert_eq!(rest, reports[1..], "what the steps after the break see");
+    assert!(bits(&unbroken) == bits(&resumed), "the same mark with and without a break");
+
+    let mut whole = prepare(with(LpipsTerm { crop_px: None, ..lpips(10.0, None, 2) }));
+    let refused = whole.restore(&path).expect_err("other settings");
+    assert!(matches!(&refused, EngineError::BadData { field, .. } if field == "identity"), "{refused}");
+    let said = serde_json::to_value(&seldom).expect("JSON")["lpips"].clone();
+    let digest = lpips(0.0, None, 1).weights.digest().to_string();
+    assert_eq!((&said["weights"]["net"], &said["weights"]["blake3"]), (&"alex".into(), &digest.into()), "{said}");
+    assert_eq!(
+        (&said["input"], &said["crop_px"], &said["every"]),
+        (&"canonical".into(), &32.into(), &2.into()),
+        "{said}"
+    );
+}
+
+#[test]
+fn impossible_lpips_is_refused() {
+    let config = |term: LpipsTerm| {
+        let config = EmbedConfig::new(Profile::Draft, ExtractorMode::Blind);
+        EmbedConfig { lpips: Some(term), size_px: (64, 40), ..config }
+    };
+    config(lpips(1.0, Some(31), 1)).validate().expect("the least");
+    config(lpips(1.0, Some(500), 1)).validate().expect("whole frames are all that there is");
+    for (term, what) in [
+        (lpips(-1.0, None, 1), "lambda_lpips: -1"),
+        (lpips(f32::NAN, None, 1), "lambda_lpips: NaN"),
+        (lpips(1.0, None, 0), "lpips_every: 0"),
+        (lpips(1.0, Some(30), 1), "compares: 30, expected at least 31 px"),
+    ] {
+        let refused = config(term).validate().expect_err(what).to_string();
+        assert!(refused.contains(what), "{refused}");
+    }
 }
 
 #[test]

@@ -24,6 +24,7 @@ fn evaluation(marked: f64, psnr_db: f64) -> Evaluation {
         psnr: PsnrSummary { mean_of_views_db: Decibels(psnr_db), ..psnr },
         foreground_psnr: psnr,
         ssim: 1.0,
+        lpips: None,
     }
 }
 

@@ -6,6 +6,7 @@ use guard4d_engine::watermark::prf::{MasterSecret, Prf, Purpose};
 use guard4d_engine::watermark::tmsd::{Tmsd, TmsdConfig, TmsdWeights};
 use guard4d_kernels::Device;
 use guard4d_kernels::image::colour_map::ColourMap;
+use guard4d_kernels::nn::pack::Precision;
 use guard4d_kernels::reference::Real;
 use guard4d_kernels::reference::image::colour_map as colour_map_twin;
 use guard4d_kernels::reference::nn::axpy as axpy_twin;
@@ -13,7 +14,7 @@ use guard4d_kernels::reference::nn::conv3d as conv3d_twin;
 use guard4d_kernels::shape::{Accumulate, ClipShape};
 
 use crate::support::close::assert_close;
-use crate::support::gpu::device;
+use crate::support::gpu::{device, half_device};
 use crate::support::gradcheck::gradcheck;
 use crate::support::random::Random;
 
@@ -171,7 +172,7 @@ fn gradients_of_two_branches_follow_the_twin() {
     for config in [TmsdConfig { scale: 0.5, ..TmsdConfig::default() }, TmsdConfig { depth: 4, width: 20, scale: 2.0 }] {
         let weights = trained(config, 11);
         let twin = Twin::<f32>::new(&weights, SHAPE);
-        let mut tmsd = Tmsd::new(&gpu, &weights, SHAPE).expect("uploads");
+        let mut tmsd = Tmsd::new(&gpu, &weights, SHAPE, Precision::F32).expect("uploads");
         let clips = [12, 14].map(|seed| (clip(seed), clip(seed + 1)));
         let inputs = clips.each_ref().map(|(x, _)| gpu.buffer_from("x", x).expect("buffer"));
         let mut passes = clips.each_ref().map(|(_, v_out)| {
@@ -212,7 +213,17 @@ fn gradients_of_two_branches_follow_the_twin() {
 
 /// R(x), and dL/dx for dL/dR(x) = `v_out`.
 fn both_ways(device: &Device, weights: &TmsdWeights, x: &[f32], v_out: &[f32]) -> (Vec<f32>, Vec<f32>) {
-    let mut tmsd = Tmsd::new(device, weights, SHAPE).expect("uploads");
+    both_ways_in(Precision::F32, device, weights, (x, v_out))
+}
+
+/// The same in this precision.
+fn both_ways_in(
+    precision: Precision,
+    device: &Device,
+    weights: &TmsdWeights,
+    (x, v_out): (&[f32], &[f32]),
+) -> (Vec<f32>, Vec<f32>) {
+    let mut tmsd = Tmsd::new(device, weights, SHAPE, precision).expect("uploads");
     let mut pass = tmsd.pass(device).expect("buffers");
     pass.v_out.write(v_out).expect("upload");
     let x = device.buffer_from("x", x).expect("buffer");
@@ -261,6 +272,24 @@ fn fresh_network_is_the_colour_map_alone() {
 }
 
 #[test]
+fn half_precision_moves_the_network_by_its_rounding_alone() {
+    let Some(gpu) = half_device() else { return };
+    let weights = trained(TmsdConfig::default(), 12);
+    let (x, v_out) = (clip(5), clip(6));
+    let [floats, halves] = [Precision::F32, Precision::Half].map(|p| both_ways_in(p, &gpu, &weights, (&x, &v_out)));
+    let y = mapped(&weights.colour_map, &x);
+    let transposed = std::array::from_fn(|i| std::array::from_fn(|j| weights.colour_map[j][i]));
+    let v_y = mapped(&transposed, &v_out);
+    for (got, want, start) in [(&halves.0, &floats.0, &y), (&halves.1, &floats.1, &v_y)] {
+        let length = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt();
+        // Of what the network adds to the colour map. Three layers round two factors each by at most 2^-11, but a sum below
+        // that falls to the other side of a ReLU, with its whole gradient: one of some hundred.
+        let error = length(got, want) / length(want, start);
+        assert!(error > 1e-6 && error < 1e-1, "{error} of the length: rounded, and no more");
+    }
+}
+
+#[test]
 fn network_sees_mapped_colours_only() {
     let Some(gpu) = device() else { return };
     let mut weights = fresh(TmsdConfig::default(), ONE);
@@ -284,7 +313,7 @@ fn network_sees_mapped_colours_only() {
 fn device_gives_back_the_weights_it_got() {
     let Some(gpu) = device() else { return };
     let weights = fresh(TmsdConfig::default(), MAP);
-    let tmsd = Tmsd::new(&gpu, &weights, SHAPE).expect("uploads");
+    let tmsd = Tmsd::new(&gpu, &weights, SHAPE, Precision::F32).expect("uploads");
     assert_eq!(tmsd.weights().expect("reads"), weights, "packing is undone");
 }
 

@@ -15,6 +15,7 @@ use super::receipt::{
 };
 use super::{digest::Digest, undo};
 use crate::error::EngineError;
+use crate::lpips::Lpips;
 use crate::media::frames::write_png_folder;
 use crate::output::Existing;
 use crate::scene::CameraSet;
@@ -63,7 +64,10 @@ pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result
     let Delivery { subject, config, embedded, input } = delivery;
     let device = subject.device;
     let held_out = HeldOut::shoot(device, subject.model, &embedded.sh_coeffs, cameras)?;
-    let evaluation = held_out.evaluate(device, subject.clip, subject.key, &embedded.extractor, subject.message)?;
+    let mut evaluation = held_out.evaluate(device, subject.clip, subject.key, &embedded.extractor, subject.message)?;
+    if let Some(term) = &config.lpips {
+        evaluation.lpips = Some(held_out.lpips(&Lpips::new(device, &term.weights, term.input)?)?);
+    }
     let written = subject.model.write_marked(&out.join(MARKED), &embedded.sh_coeffs)?;
     let private = out.join(PRIVATE);
     std::fs::create_dir_all(&private).map_err(|source| EngineError::Io { path: private.clone(), source })?;
@@ -124,7 +128,7 @@ fn figures(evaluation: &Evaluation) -> Figures {
         psnr: evaluation.psnr,
         foreground_psnr: Some(evaluation.foreground_psnr),
         ssim: evaluation.ssim,
-        lpips: None,
+        lpips: evaluation.lpips,
         bit_accuracy: BitAccuracies {
             frame: evaluation.marked_frames,
             clip: evaluation.marked,

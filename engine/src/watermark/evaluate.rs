@@ -14,6 +14,7 @@ use super::prf::{Purpose, standard_normal};
 use super::reading::Reading;
 use crate::clip::Clip;
 use crate::error::EngineError;
+use crate::lpips::{ImageSize, Lpips, LpipsPass, size_of_frame};
 use crate::media::Frame;
 use crate::render::Film;
 use crate::scene::{Camera, CameraSet, Gaussians, Model};
@@ -66,6 +67,9 @@ pub struct Evaluation {
     pub foreground_psnr: PsnrSummary,
     /// Mean SSIM.
     pub ssim: f64,
+    /// Mean LPIPS of the 8-bit frames, when a network for it was given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lpips: Option<f64>,
 }
 
 impl HeldOut {
@@ -101,6 +105,31 @@ impl HeldOut {
     /// [`EngineError::Usage`] without a frame.
     pub fn psnr(&self) -> Result<PsnrSummary, EngineError> {
         summary(self.errors.iter().map(|(whole, _)| *whole))
+    }
+
+    /// Mean LPIPS over all frames, marked against clean, both in 8 bits.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for frames that are too small; [`EngineError::NotFinite`] without a frame; when the device
+    /// fails.
+    pub fn lpips(&self, net: &Lpips) -> Result<f64, EngineError> {
+        let (mut sum, mut frames) = (0.0, 0.0);
+        let mut room: Option<(ImageSize, LpipsPass)> = None;
+        for (marked, clean) in self.marked.iter().flatten().zip(self.clean.iter().flatten()) {
+            let size = size_of_frame(marked);
+            let mut pass = match room.take().filter(|(fits, _)| *fits == size) {
+                Some((_, pass)) => pass,
+                None => net.pass(size, 1)?,
+            };
+            sum += net.distance_with(&mut pass, marked, clean)?.total();
+            frames += 1.0;
+            room = Some((size, pass));
+        }
+        let mean = sum / frames;
+        match mean.is_finite() {
+            true => Ok(mean),
+            false => Err(EngineError::NotFinite { what: "LPIPS of the held-out frames".to_owned(), got: mean }),
+        }
     }
 
     /// Reads the message from marked, clean and noisy clips.
@@ -141,6 +170,7 @@ impl HeldOut {
             psnr: self.psnr()?,
             foreground_psnr: summary(self.errors.iter().map(|(_, object)| *object))?,
             ssim: self.ssim.iter().sum::<f64>() / self.ssim.len().max(1) as f64,
+            lpips: None,
         })
     }
 }

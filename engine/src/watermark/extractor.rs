@@ -150,7 +150,7 @@ impl FeatureExtractor {
         let tower = clip.vision(purpose)?;
         let side = tower.image_size();
         let shape = ClipShape { frames: CLIP_FRAMES, height: side, width: side };
-        let tmsd = tmsd.map(|w| Tmsd::new(device, w, shape)).transpose()?;
+        let tmsd = tmsd.map(|w| Tmsd::new(device, w, shape, clip.precision())).transpose()?;
         let passes = match &tmsd {
             Some(t) => (0..branches).map(|_| t.pass(device)).collect::<Result<_, _>>()?,
             None => Vec::new(),

@@ -5,6 +5,7 @@ use guard4d_kernels::nn::axpy;
 use guard4d_kernels::nn::conv3d::{
     self, Activation, Bias, Conv3d, Conv3dScratch, InputGradient, Padding, WeightGradient,
 };
+use guard4d_kernels::nn::pack::Precision;
 use guard4d_kernels::optim::adam::{self, AdamConfig, AdamState};
 use guard4d_kernels::shape::{Accumulate, ClipShape};
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
@@ -172,11 +173,16 @@ pub struct TmsdPass {
 }
 
 impl Tmsd {
-    /// Uploads weights for clips of `shape`.
+    /// Uploads weights for clips of `shape`; `precision` is that of the convolutions, see [`Conv3d::precision`].
     ///
     /// # Errors
     /// When memory runs out.
-    pub fn new(device: &Device, weights: &TmsdWeights, shape: ClipShape) -> Result<Self, KernelError> {
+    pub fn new(
+        device: &Device,
+        weights: &TmsdWeights,
+        shape: ClipShape,
+        precision: Precision,
+    ) -> Result<Self, KernelError> {
         let layers = weights.config.channels().into_iter().zip(&weights.layers).enumerate().map(|(i, (given, w))| {
             let conv = Conv3d {
                 shape,
@@ -186,6 +192,7 @@ impl Tmsd {
                 space: Padding::Reflect,
                 bias: Bias::None,
                 activation: if i + 1 == weights.config.depth { Activation::Identity } else { Activation::Relu },
+                precision,
             };
             let packed = conv.pack(w, given.0, given.1);
             let n = packed.len();

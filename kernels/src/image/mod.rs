@@ -2,6 +2,7 @@
 
 pub mod chroma420;
 pub mod colour_map;
+pub mod crop;
 pub mod jpeg;
 pub mod noise;
 pub mod normalize;

@@ -1,10 +1,12 @@
 //! 3×3×3 convolution over clips, stride 1, channels last, with its gradients.
 
+use super::pack::Precision;
 use crate::registry::nn::{
-    conv3d_bwd, conv3d_bwd_tile, conv3d_correlate, conv3d_correlate_tile, conv3d_fwd, conv3d_fwd_tile, conv3d_reduce,
-    conv3d_transpose,
+    conv3d_bwd, conv3d_bwd_coop, conv3d_bwd_tile, conv3d_correlate, conv3d_correlate_tile, conv3d_fwd, conv3d_fwd_coop,
+    conv3d_fwd_tile, conv3d_reduce, conv3d_transpose,
 };
 use crate::shape::{Accumulate, ClipShape, dim, dim_signed, expect_len};
+use crate::vk::Cooperation;
 use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder};
 
 /// Taps of the kernel.
@@ -13,6 +15,10 @@ pub const TAPS: usize = 27;
 const FRAME_TAPS: u32 = 3;
 /// Pixels of a row that one workgroup owns.
 const SPAN_PX: usize = 32;
+/// Rows of one workgroup of the kernels over cooperative matrices: `TILE_H` of `glsl/lib/conv3d_coop.glsl`.
+const COOP_ROWS: u32 = 8;
+/// Source channels of one of their stages, and outputs of a workgroup: `CHANNELS` there.
+const COOP_CHANNELS: u32 = 16;
 /// Rows of one workgroup of the tile kernels: `TILE_H` of `glsl/lib/conv3d_halo.glsl`.
 const TILE_ROWS: usize = 16;
 /// The same of the weight gradient: `TILE_H` of `glsl/nn/conv3d_correlate_tile.comp`.
@@ -88,6 +94,10 @@ pub struct Conv3d {
     pub bias: Bias,
     /// Output function.
     pub activation: Activation,
+    /// With [`Precision::Half`] the output and the gradient to the input come from cooperative matrices: factors are rounded
+    /// to 16-bit floats, gradients with a scale that they have in common, and sums are 32-bit floats. Anything else is
+    /// 32-bit floats throughout, as is the gradient to the weights.
+    pub precision: Precision,
 }
 
 impl Conv3d {
@@ -186,6 +196,30 @@ impl Conv3d {
         self.weight_len().div_ceil(4)
     }
 
+    /// The device's cooperative matrices where this layer takes them: by its precision, and where their subgroups can share
+    /// a workgroup's tile.
+    fn cooperation(&self, rec: &Recorder) -> Result<Option<Cooperation>, KernelError> {
+        if self.precision != Precision::Half {
+            return Ok(None);
+        }
+        let matrices = rec.cooperation()?;
+        let Cooperation { m, n, k, subgroups, .. } = matrices;
+        let strips = dim(SPAN_PX) / m.max(1);
+        let shared = dim(SPAN_PX).is_multiple_of(m)
+            && subgroups.is_multiple_of(strips)
+            && COOP_ROWS.is_multiple_of(subgroups / strips)
+            && COOP_CHANNELS.is_multiple_of(n)
+            && COOP_CHANNELS.is_multiple_of(k);
+        Ok(shared.then_some(matrices))
+    }
+
+    /// Workgroups of a kernel over cooperative matrices with `width4` texels of outputs.
+    fn coop_grid(&self, width4: u32) -> Grid {
+        let ClipShape { frames, height, width } = self.shape;
+        let blocks = (4 * width4).div_ceil(COOP_CHANNELS);
+        Grid::groups(dim(width.div_ceil(SPAN_PX)), dim(height).div_ceil(COOP_ROWS), dim(frames) * blocks)
+    }
+
     fn grid(&self, family: KernelFamily, blocks: u32) -> Grid {
         let ClipShape { frames, height, width } = self.shape;
         let rows = match family {
@@ -224,10 +258,12 @@ fn block(texels: u32, most: u32) -> u32 {
 /// # Determinism: bitwise; no atomics
 /// # Cost
 /// 54·F·H·W·Ci·Co operations. Per block of 16 outputs lanes load each input 27 times, tiles 3.6 times (three frames, a halo
-/// of 34×18 around 32×16 pixels), and 20 texels of shared memory per 256 products of an invocation.
+/// of 34×18 around 32×16 pixels), and 20 texels of shared memory per 256 products of an invocation. Cooperative matrices
+/// load it 4 times (34×10 around 32×8).
 ///
 /// # Errors
-/// [`KernelError::Shape`] before anything is recorded.
+/// [`KernelError::Shape`] before anything is recorded; [`KernelError::Unsuitable`] for 16-bit floats on a device without
+/// cooperative matrices.
 pub fn forward(
     rec: &mut Recorder,
     conv: &Conv3d,
@@ -243,24 +279,27 @@ pub fn forward(
     let (depth4, width4) = (dim(conv.in_channels / 4), dim(conv.out_channels / 4));
     let block4 = block(width4, MAX_BLOCK4);
     let grid = conv.grid(rec.family(), width4 / block4);
-    /// Runs the program of one family; only the module that the types come from differs.
+    /// Runs one program; they differ in the module that the types come from and in how they cut the clip.
     macro_rules! convolve {
-        ($module:ident) => {{
+        ($module:ident, $grid:expr, { $($size:ident),* }) => {{
             let spec = $module::Spec {
                 depth4,
                 width4,
-                block4,
+                $($size,)*
                 pad_t: conv.time.code(),
                 pad_xy: conv.space.code(),
                 bias: u32::from(conv.bias == Bias::Added),
                 relu: u32::from(conv.activation == Activation::Relu),
             };
-            rec.dispatch_spec($module::Bind { x, weight, y }, clip_params!($module, conv.shape), spec, grid)
+            rec.dispatch_spec($module::Bind { x, weight, y }, clip_params!($module, conv.shape), spec, $grid)
         }};
     }
-    match rec.family() {
-        KernelFamily::Lanes => convolve!(conv3d_fwd),
-        KernelFamily::Tiles => convolve!(conv3d_fwd_tile),
+    match (conv.cooperation(rec)?, rec.family()) {
+        (Some(Cooperation { m: tm, n: tn, k: tk, subgroups, .. }), _) => {
+            convolve!(conv3d_fwd_coop, conv.coop_grid(width4), { tm, tn, tk, subgroups })
+        }
+        (None, KernelFamily::Lanes) => convolve!(conv3d_fwd, grid, { block4 }),
+        (None, KernelFamily::Tiles) => convolve!(conv3d_fwd_tile, grid, { block4 }),
     }
 }
 
@@ -307,7 +346,7 @@ pub struct InputGradient<'a> {
 /// 54·F·H·W·Ci·Co operations and reads as [`forward`]'s, with Ci and Co exchanged.
 ///
 /// # Errors
-/// [`KernelError::Shape`] before anything is recorded.
+/// As [`forward`].
 pub fn backward_input(
     rec: &mut Recorder,
     conv: &Conv3d,
@@ -324,6 +363,7 @@ pub fn backward_input(
     expect_len(KERNEL, "v_x", v_x, pixels * conv.in_channels)?;
     let weights = TAPS * conv.in_channels * conv.out_channels;
     expect_len(KERNEL, "scratch.weight_t", &scratch.weight_t, weights)?;
+    let cooperation = conv.cooperation(rec)?;
     let params = conv3d_transpose::Params { in_channels: dim(conv.in_channels), out_channels: dim(conv.out_channels) };
     let bind = conv3d_transpose::Bind { weight, weight_t: &mut scratch.weight_t };
     rec.dispatch(bind, params, Grid::threads(weights / 4))?;
@@ -334,16 +374,19 @@ pub fn backward_input(
     let gate = gate.unwrap_or(v_y);
     /// As in [`forward`].
     macro_rules! adjoint {
-        ($module:ident) => {{
+        ($module:ident, $grid:expr, { $($size:ident),* }) => {{
             let (pad_t, pad_xy) = (conv.time.code(), conv.space.code());
-            let spec = $module::Spec { depth4, width4, block4, pad_t, pad_xy, gate: gated };
+            let spec = $module::Spec { depth4, width4, $($size,)* pad_t, pad_xy, gate: gated };
             let bind = $module::Bind { v_y, weight_t, gate, v_x };
-            rec.dispatch_spec(bind, clip_params!($module, conv.shape), spec, grid)
+            rec.dispatch_spec(bind, clip_params!($module, conv.shape), spec, $grid)
         }};
     }
-    match rec.family() {
-        KernelFamily::Lanes => adjoint!(conv3d_bwd),
-        KernelFamily::Tiles => adjoint!(conv3d_bwd_tile),
+    match (cooperation, rec.family()) {
+        (Some(Cooperation { m: tm, n: tn, k: tk, subgroups, .. }), _) => {
+            adjoint!(conv3d_bwd_coop, conv.coop_grid(width4), { tm, tn, tk, subgroups })
+        }
+        (None, KernelFamily::Lanes) => adjoint!(conv3d_bwd, grid, { block4 }),
+        (None, KernelFamily::Tiles) => adjoint!(conv3d_bwd_tile, grid, { block4 }),
     }
 }
 

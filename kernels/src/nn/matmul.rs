@@ -1,11 +1,13 @@
 //! Matrix product with a packed right operand.
 
 use super::activation::Activation;
-use super::pack::{Elements, LANES, Order, PackedWeight, TEXEL, gather};
-use super::{as_i32, as_u32, expect_len, expect_multiple, transpose};
+use super::pack::{Elements, LANES, Order, PackedWeight, Precision, TEXEL, gather};
+use super::{as_i32, as_u32, expect_len, expect_multiple, shape_error, transpose};
 use crate::registry::nn::{
-    matmul_fwd, matmul_fwd_coop, matmul_fwd_fixed16, matmul_fwd_fixed16_tile, matmul_fwd_tile, matmul_gradient_tile,
+    matmul_fwd, matmul_fwd_coop, matmul_fwd_fixed16, matmul_fwd_fixed16_tile, matmul_fwd_tile, matmul_fwd_windows,
+    matmul_fwd_windows_tile, matmul_gradient_tile,
 };
+use crate::shape::require_len;
 use crate::vk::{COOP_TILE, Cooperation};
 use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder};
 
@@ -28,9 +30,9 @@ const WANTED_GROUPS: usize = 256;
 pub enum Epilogue<'a> {
     /// act(s)
     Activate(Activation),
-    /// s + residual, `[m, n]`
+    /// s + residual, `[m, n]` or longer
     Add(&'a Buffer<f32>),
-    /// s act'(pre), `[m, n]`: the gradient through an activation whose input was `pre`
+    /// s act'(pre), `[m, n]` or longer: the gradient through an activation whose input was `pre`
     Grad(Activation, &'a Buffer<f32>),
 }
 
@@ -72,9 +74,48 @@ impl<'a> Product<'a> {
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.
 pub fn forward(rec: &mut Recorder, product: &Product, c: &mut Buffer<f32>) -> Result<(), KernelError> {
+    expect_len(KERNEL, "a", product.a.len(), product.rows * product.weight.k(), "rows*k")?;
+    multiply(rec, product, None, c)
+}
+
+/// Square windows of images `[F, height, width, channels]`, as `glsl/lib/windows.glsl` has them: the rows of a left operand
+/// that is never written out.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Windows {
+    pub(super) height: usize,
+    pub(super) width: usize,
+    pub(super) out_height: usize,
+    pub(super) out_width: usize,
+    /// A multiple of 4.
+    pub(super) channels: usize,
+    /// Side of a window.
+    pub(super) taps: usize,
+    /// Zeros around an image.
+    pub(super) padding: usize,
+}
+
+/// [`forward`] with the windows of `product.a` as left operand; whether `a` holds that many is for the caller to check.
+///
+/// # Errors
+/// [`KernelError::Shape`] before anything is recorded, also for a weight that is not kept in 32-bit floats.
+pub(super) fn of_windows(
+    rec: &mut Recorder,
+    product: &Product,
+    windows: Windows,
+    c: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    multiply(rec, product, Some(windows), c)
+}
+
+/// Checks everything but the left operand, and runs the product.
+fn multiply(
+    rec: &mut Recorder,
+    product: &Product,
+    windows: Option<Windows>,
+    c: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
     let Product { a, rows, weight, bias, epilogue } = *product;
     let (n, k) = (weight.n(), weight.k());
-    expect_len(KERNEL, "a", a.len(), rows * k, "rows*k")?;
     expect_len(KERNEL, "c", c.len(), rows * n, "rows*n")?;
     let bias = bias.unwrap_or(&weight.no_bias);
     expect_len(KERNEL, "bias", bias.len(), n, "n")?;
@@ -84,13 +125,17 @@ pub fn forward(rec: &mut Recorder, product: &Product, c: &mut Buffer<f32>) -> Re
         Epilogue::Grad(activation, pre) => (2, activation, pre),
     };
     if mode > 0 {
-        expect_len(KERNEL, "aux", aux.len(), rows * n, "rows*n")?;
+        require_len(KERNEL, "aux", aux.len(), rows * n)?;
     }
     if rows * n * k == 0 {
         rec.fill(c, 0.0);
         return Ok(());
     }
-    dispatch(rec, &Operands { a, rows, weight, bias, aux, mode, activation: activation.code() }, c)
+    let operands = Operands { a, rows, weight, bias, aux, mode, activation: activation.code() };
+    match windows {
+        None => dispatch(rec, &operands, c),
+        Some(windows) => dispatch_windows(rec, &operands, windows, c),
+    }
 }
 
 /// A product whose lengths are checked; `mode` and `activation` are the shaders' constants of the epilogue.
@@ -138,6 +183,50 @@ fn dispatch(rec: &mut Recorder, operands: &Operands, c: &mut Buffer<f32>) -> Res
             let spec = matmul_fwd_coop::Spec { tm, tn, tk, subgroups, row_blocks, mode, activation };
             let params = matmul_fwd_coop::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
             rec.dispatch_spec(bind, params, spec, grid)
+        }
+    }
+}
+
+/// The same for the windows of images, with weights in 32-bit floats.
+fn dispatch_windows(
+    rec: &mut Recorder,
+    operands: &Operands,
+    windows: Windows,
+    c: &mut Buffer<f32>,
+) -> Result<(), KernelError> {
+    let Operands { a, rows, weight, bias, aux, mode, activation } = *operands;
+    let (n, k) = (weight.n(), weight.k());
+    let Elements::F32(w) = &weight.elements else {
+        return Err(shape_error(KERNEL, "weight", weight.precision().to_string(), Precision::F32.to_string()));
+    };
+    macro_rules! params {
+        ($module:ident) => {
+            $module::Params {
+                m: as_i32(rows),
+                n: as_i32(n),
+                k: as_i32(k),
+                height: as_i32(windows.height),
+                width: as_i32(windows.width),
+                out_height: as_i32(windows.out_height),
+                out_width: as_i32(windows.out_width),
+                channels4: as_i32(windows.channels / TEXEL),
+                taps: as_i32(windows.taps),
+                padding: as_i32(windows.padding),
+            }
+        };
+    }
+    match rec.family() {
+        KernelFamily::Lanes => {
+            let (blocks, grid) = lane_tiling(rows, n);
+            let bind = matmul_fwd_windows::Bind { a_tex: a, w_tex: w, bias, aux_tex: aux, c };
+            let spec = matmul_fwd_windows::Spec { blocks, mode, activation };
+            rec.dispatch_spec(bind, params!(matmul_fwd_windows), spec, grid)
+        }
+        KernelFamily::Tiles => {
+            let (per_thread, grid) = tiling(rows, n);
+            let bind = matmul_fwd_windows_tile::Bind { a, w, bias, aux, c };
+            let spec = matmul_fwd_windows_tile::Spec { rows: per_thread, mode, activation };
+            rec.dispatch_spec(bind, params!(matmul_fwd_windows_tile), spec, grid)
         }
     }
 }

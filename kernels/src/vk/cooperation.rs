@@ -5,6 +5,7 @@ use ash::vk;
 use super::device::{Device, DeviceInfo, Instance};
 use super::recorder::Recorder;
 use crate::error::KernelError;
+use crate::registry::COOP_SHARED_BYTES;
 
 /// Rows and columns of the tile of one workgroup: `TILE` of the `_coop` shaders.
 pub(crate) const TILE: u32 = 64;
@@ -81,7 +82,7 @@ impl Recorder {
 
 impl Instance {
     /// What the device has of use for the `_coop` kernels. `None` too where it lacks what else these need: 16-bit floats in
-    /// arithmetic, and the Vulkan memory model.
+    /// arithmetic, the Vulkan memory model, and their workgroup memory.
     pub(super) fn cooperation(&self, device: vk::PhysicalDevice, subgroup_size: u32) -> Option<Cooperation> {
         // A compiler that does not know the extension leaves nothing to run.
         if cfg!(without_cooperative_matrices) || !self.has_extension(device, ash::khr::cooperative_matrix::NAME) {
@@ -97,9 +98,11 @@ impl Instance {
             self.raw.get_physical_device_features2(device, &mut features);
             self.raw.get_physical_device_properties2(device, &mut properties);
         }
+        let shared_bytes = properties.properties.limits.max_compute_shared_memory_size;
         // With that model other kernels' atomics, which name no scope, need its device scope.
         let model = [core.vulkan_memory_model, core.vulkan_memory_model_device_scope];
-        let enough = [matrices.cooperative_matrix, core.shader_float16] == [vk::TRUE; 2]
+        let enough = shared_bytes >= COOP_SHARED_BYTES
+            && [matrices.cooperative_matrix, core.shader_float16] == [vk::TRUE; 2]
             && model == [vk::TRUE; 2]
             && stages.cooperative_matrix_supported_stages.contains(vk::ShaderStageFlags::COMPUTE);
         if !enough {

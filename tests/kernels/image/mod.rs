@@ -1,5 +1,6 @@
 mod chroma420;
 mod colour_map;
+mod crop;
 mod jpeg;
 mod noise;
 mod normalize;

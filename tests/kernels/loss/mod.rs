@@ -1,4 +1,5 @@
 mod bce;
+mod lpips;
 mod offset_penalty;
 mod pixel;
 mod ssim;

@@ -4,6 +4,7 @@ use guard4d_kernels::nn::conv3d::{
     Activation, Bias, Conv3d, Conv3dScratch, InputGradient, Padding, WeightGradient, backward_input, backward_weight,
     forward,
 };
+use guard4d_kernels::nn::pack::Precision;
 use guard4d_kernels::reference::nn::conv3d as twin;
 use guard4d_kernels::shape::{Accumulate, ClipShape};
 use guard4d_kernels::{Buffer, KernelError};
@@ -11,7 +12,7 @@ use guard4d_kernels::{Buffer, KernelError};
 use super::{dot, run, unwritten, upload};
 use crate::support::close::assert_close;
 use crate::support::golden::Golden;
-use crate::support::gpu::{Gpu, device, each_family};
+use crate::support::gpu::{Gpu, device, each_family, half_device};
 use crate::support::gradcheck::gradcheck;
 use crate::support::poison;
 use crate::support::random::Random;
@@ -25,6 +26,7 @@ fn layer(shape: [usize; 3], channels: [usize; 2], time: Padding, space: Padding)
         space,
         bias: Bias::None,
         activation: Activation::Identity,
+        precision: Precision::F32,
     }
 }
 
@@ -156,6 +158,14 @@ impl Case {
         [y, v_x, v_weight, v_bias]
     }
 
+    /// What cooperative matrices make of it: output and gradient to the input from rounded factors, the rest from floats.
+    fn on_host_rounded(&self, gate: &[f32]) -> [Vec<f32>; 4] {
+        let [x, weight, v_y] = [&self.x, &self.weight, &self.v_y].map(|factors| rounded(factors));
+        let [y, v_x, ..] = Self { conv: self.conv, bias: self.bias.clone(), x, weight, v_y }.on_host(gate);
+        let [.., v_weight, v_bias] = self.on_host(gate);
+        [y, v_x, v_weight, v_bias]
+    }
+
     fn check(&self, gpu: &Gpu) {
         let got = self.on_gpu(gpu, Some(&self.x), 1.0);
         let want = self.on_host(&self.x);
@@ -188,6 +198,81 @@ fn gpu_follows_the_twin() {
     Case::new(thin).check(&gpu);
     let full = layer([3, 12, 70], [4, 8], Padding::Zero, Padding::Reflect);
     Case::new(Conv3d { bias: Bias::Added, activation: Activation::Relu, ..full }).check(&gpu);
+}
+
+/// Factors as cooperative matrices take them.
+fn rounded(x: &[f32]) -> Vec<f32> {
+    x.iter().map(|v| half::f16::from_f32(*v).to_f32()).collect()
+}
+
+/// `conv` in 16-bit floats.
+fn halved(conv: Conv3d) -> Conv3d {
+    Conv3d { precision: Precision::Half, ..conv }
+}
+
+#[test]
+fn half_precision_follows_the_twin_on_rounded_operands() {
+    let Some(gpu) = half_device() else { return };
+    // Tiles of 32 x 8 pixels and 16 channels: full, with a column, a row, a channel or all but one left over; one texel of
+    // channels, which is packed by threes; borders that fold onto another tile's side of its edge.
+    for (shape, channels, (time, space), bias, activation) in [
+        ([2, 5, 9], [4, 16], PADDINGS[1], Bias::None, Activation::Identity),
+        ([3, 9, 33], [16, 4], PADDINGS[0], Bias::Added, Activation::Identity),
+        ([2, 10, 65], [36, 20], PADDINGS[2], Bias::None, Activation::Identity),
+        ([2, 8, 34], [8, 8], PADDINGS[1], Bias::Added, Activation::Relu),
+        ([1, 1, 1], [4, 4], (Padding::Replicate, Padding::Replicate), Bias::None, Activation::Identity),
+    ] {
+        let case = Case::new(Conv3d { bias, activation, ..halved(layer(shape, channels, time, space)) });
+        let got = case.on_gpu(&gpu, Some(&case.x), 0.0);
+        let want = case.on_host_rounded(&case.x);
+        // Products of two f16 are exact in f32. Units that add several at once may drop what lies 2^-22 below the
+        // largest partial sum, here about 6, in each of up to 243 steps; errors of both signs leave a third.
+        got[..2].iter().zip(&want).for_each(|(got, want)| assert_close(got, want, 1e-4, 1e-5));
+    }
+}
+
+#[test]
+fn half_precision_moves_results_by_its_rounding_alone() {
+    let Some(gpu) = half_device() else { return };
+    let conv = layer([3, 21, 45], [16, 16], Padding::Replicate, Padding::Reflect);
+    let case = Case::new(conv);
+    let floats = case.on_gpu(&gpu, None, 0.0);
+    let halves = Case { conv: halved(conv), ..case }.on_gpu(&gpu, None, 0.0);
+    for (half, float) in halves[..2].iter().zip(&floats) {
+        let length = |v: &mut dyn Iterator<Item = f32>| v.map(|v| v * v).sum::<f32>().sqrt();
+        let error = length(&mut half.iter().zip(float).map(|(h, f)| h - f)) / length(&mut float.iter().copied());
+        // Both factors of a product are off by at most 2^-11, 2^-12 on average, and the errors are independent.
+        assert!(error > 1e-6 && error < 1e-3, "{error} of the length: rounded, and no more");
+    }
+    assert_eq!(halves[2], floats[2], "the gradient to the weights is in floats");
+}
+
+#[test]
+fn half_precision_keeps_small_gradients() {
+    let Some(gpu) = half_device() else { return };
+    // Far below what 16 bits hold, and far above; the scale is a power of two, so not a bit may differ.
+    let conv = halved(layer([3, 9, 33], [16, 16], Padding::Replicate, Padding::Reflect));
+    let case = Case::new(conv);
+    let [_, v_x, ..] = case.on_gpu(&gpu, None, 0.0);
+    for factor in [2.0f32.powi(-40), 2.0f32.powi(40)] {
+        let scaled = Case { v_y: case.v_y.iter().map(|v| v * factor).collect(), ..Case::new(conv) };
+        let [_, got, ..] = scaled.on_gpu(&gpu, None, 0.0);
+        let want: Vec<f32> = v_x.iter().map(|v| v * factor).collect();
+        assert_close(&got, &want, 0.0, 0.0);
+    }
+    // A gradient that grows from frame to frame, then one that shrinks: the sums so far are brought to each new scale.
+    for factors in [[1.0, 512.0, 262_144.0], [262_144.0, 512.0, 1.0f32]] {
+        let frame = case.v_y.len() / 3;
+        let by_frame = |v_y: &[f32]| v_y.iter().enumerate().map(|(i, v)| v * factors[i / frame]).collect::<Vec<_>>();
+        let [_, got, ..] = Case { v_y: by_frame(&case.v_y), ..Case::new(conv) }.on_gpu(&gpu, None, 0.0);
+        let reference = twin_of(&conv);
+        let want = reference.backward_input(&by_frame(&rounded(&case.v_y)), &rounded(&case.weight));
+        for (i, (got, want)) in got.chunks(frame).zip(want.chunks(frame)).enumerate() {
+            let largest = factors[i.saturating_sub(1)..3.min(i + 2)].iter().fold(0.0, |m: f32, v| m.max(*v));
+            // As for clean data, with sums as large as those of the largest frame that meets this one.
+            assert_close(got, want, 1e-4 * largest, 1e-5);
+        }
+    }
 }
 
 #[test]
@@ -261,10 +346,23 @@ fn poison_reaches_exactly_its_neighbourhood() {
 #[test]
 fn poison_spreads_as_in_the_twin_in_both_directions() {
     let Some(gpu) = device() else { return };
+    // Sums of 108 products below 0.2, and of 81 below 1.
+    spreads_poison_as(&gpu, Precision::F32, Case::on_host, (2e-5, 1e-5));
+}
+
+#[test]
+fn poison_in_half_precision_spreads_as_in_the_twin() {
+    let Some(gpu) = half_device() else { return };
+    // As for clean data, with 108 products.
+    spreads_poison_as(&gpu, Precision::Half, Case::on_host_rounded, (5e-5, 1e-5));
+}
+
+/// Every kind of poison in every operand of a small layer in this precision, against what `host` makes of it.
+fn spreads_poison_as(gpu: &Gpu, precision: Precision, host: fn(&Case, &[f32]) -> [Vec<f32>; 4], tolerance: (f32, f32)) {
     let (pixels, channels) = (3 * 3 * 9, 4);
     for (time, space) in &PADDINGS[..2] {
         let conv = layer([3, 3, 9], [channels, channels], *time, *space);
-        let conv = Conv3d { bias: Bias::Added, activation: Activation::Relu, ..conv };
+        let conv = Conv3d { bias: Bias::Added, activation: Activation::Relu, precision, ..conv };
         let weight = Case::new(conv).weight;
         let len = pixels * channels;
         let case = |data: &[f32]| Case {
@@ -276,13 +374,12 @@ fn poison_spreads_as_in_the_twin_in_both_directions() {
         };
         let gate = |data: &[f32]| data[2 * len..3 * len].to_vec();
         let clean = Random(9).vec_f32(3 * len + channels, -1.0, 1.0);
-        let on_gpu = |data: &[f32]| case(data).on_gpu(&gpu, Some(&gate(data)), 0.0).concat();
-        let on_host = |data: &[f32]| case(data).on_host(&gate(data)).concat();
+        let on_gpu = |data: &[f32]| case(data).on_gpu(gpu, Some(&gate(data)), 0.0).concat();
+        let on_host = |data: &[f32]| host(&case(data), &gate(data)).concat();
         // x and v_y of the first pixel, which lanes without a pixel read too; of one inside; of the last; gate; bias.
         let inside = ((3 + 1) * 9 + 4) * channels;
         let places = [1, inside, len + 2, len + inside, 2 * len - 1, 2 * len + inside, 3 * len + 1];
-        // Sums of 108 products below 0.2, and of 81 below 1.
-        let reach = poison::spread(&clean, &places, (2e-5, 1e-5), on_gpu, on_host);
+        let reach = poison::spread(&clean, &places, tolerance, on_gpu, on_host);
         if (*time, *space) == PADDINGS[0] {
             // A corner has 8 neighbours and meets 8 taps, a pixel inside 27; each meets the channels of the other side.
             assert_eq!(reach[..2], [8 * 2 * channels, 27 * 2 * channels], "x: y and the weights");
@@ -319,6 +416,11 @@ fn wrong_shapes_are_refused_and_empty_is_fine() {
         backward_weight(rec, &conv, pass, &mut scratch)
     });
     assert!(v_weight.read().expect("read").iter().all(|v| *v == 0.0), "no pixel, no gradient");
+    let mut rec = gpu.recorder().expect("recorder");
+    let recorded = forward(&mut rec, &halved(conv), &none, &weight, &mut y);
+    let can = gpu.info().cooperation.is_some();
+    assert!(matches!(recorded, Ok(())) == can, "16-bit floats where the device has matrices of them: {recorded:?}");
+    assert!(can || matches!(recorded, Err(KernelError::Unsuitable { .. })), "{recorded:?}");
 }
 
 #[test]

@@ -1,12 +1,17 @@
 //! What an embedding is asked to do.
 
+use std::sync::Arc;
+
 use guard4d_kernels::image::resize::ImageSize;
 use guard4d_kernels::loss::bce::Objective;
+use rand_chacha::ChaCha20Rng;
 use serde::{Serialize, Serializer};
 
 use crate::error::EngineError;
+use crate::lpips::{LpipsInput, LpipsWeights};
 use crate::render::OffsetBases;
 use crate::watermark::evidence::ExtractorMode;
+use crate::watermark::prf::uniform_below;
 use crate::watermark::tmsd::TmsdConfig;
 
 /// Fidelity of both profiles, dB: what the field reports for marks that nobody sees is 40 to 50.
@@ -60,6 +65,56 @@ impl Control {
             Self::Hinge { eps } => Objective::Hinge { eps },
             Self::Chance => Objective::Chance,
         }
+    }
+}
+
+/// LPIPS as part of the fidelity loss, or with a weight of 0 as a figure of the result alone.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LpipsTerm {
+    /// The network; files name it and its hash.
+    #[serde(serialize_with = "name_of_weights")]
+    pub weights: Arc<LpipsWeights>,
+    /// Range in which it is given colours.
+    pub input: LpipsInput,
+    /// Weight in the loss (GuardSplat: 1, `AlexNet`, [0, 1]-fed), not a share of [`EmbedConfig::lambda_recon`].
+    pub lambda: f32,
+    /// Side of a square part of the frames, another in every step, that is compared instead of whole frames.
+    pub crop_px: Option<u32>,
+    /// Steps from one comparison to the next, at least 1; its gradient counts this many times.
+    pub every: u32,
+}
+
+impl LpipsTerm {
+    /// Size of what is compared in a step.
+    pub(super) fn part_of(&self, frame: ImageSize) -> ImageSize {
+        let side = self.crop_px.map_or(usize::MAX, |px| px as usize);
+        ImageSize { height: frame.height.min(side), width: frame.width.min(side) }
+    }
+
+    fn validate(&self, frame: ImageSize) -> Result<(), EngineError> {
+        let least = self.weights.net().min_side_px();
+        let part = self.part_of(frame);
+        let checks = [
+            (
+                "lambda_lpips",
+                f64::from(self.lambda),
+                self.lambda.is_finite() && self.lambda >= 0.0,
+                "0 or more".to_owned(),
+            ),
+            ("lpips_every", f64::from(self.every), self.every > 0, "at least 1".to_owned()),
+            (
+                "side of what LPIPS compares",
+                part.height.min(part.width) as f64,
+                part.height.min(part.width) >= least,
+                format!("at least {least} px for {}", self.weights.net()),
+            ),
+        ];
+        for (what, got, fine, expected) in checks {
+            if !fine {
+                return Err(EngineError::Usage { what: what.to_owned(), got: got.to_string(), expected });
+            }
+        }
+        Ok(())
     }
 }
 
@@ -121,6 +176,9 @@ pub struct EmbedConfig {
     pub lambda_recon: f32,
     /// Share of SSIM in the reconstruction loss (GuardSplat: 0.2).
     pub lambda_ssim: f32,
+    /// LPIPS, if a network for it was given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lpips: Option<LpipsTerm>,
     /// Weight of the offset penalty (Guard4D: 10).
     pub lambda_offset: f32,
     /// Control loss of `joint`.
@@ -182,6 +240,7 @@ impl EmbedConfig {
             lambda_msg: 1.0,
             lambda_recon: 0.0,
             lambda_ssim: 0.2,
+            lpips: None,
             lambda_offset: 0.0,
             control: Control::InverseBce { eps: 0.5 },
             lambda_control: 0.05,
@@ -222,6 +281,16 @@ impl EmbedConfig {
         self.lambda_recon > 0.0 && self.lambda_ssim > 0.0
     }
 
+    /// LPIPS, if it is part of the loss.
+    pub(super) fn trained_lpips(&self) -> Option<&LpipsTerm> {
+        self.lpips.as_ref().filter(|term| term.lambda > 0.0)
+    }
+
+    /// Whether the loss has a part that looks at the pixels of whole frames.
+    pub(super) fn looks_at_pixels(&self) -> bool {
+        self.lambda_recon > 0.0 || self.trained_lpips().is_some()
+    }
+
     /// Size of training frames.
     pub(super) fn frame_size(&self) -> ImageSize {
         ImageSize { height: self.size_px.1 as usize, width: self.size_px.0 as usize }
@@ -236,6 +305,24 @@ impl EmbedConfig {
             (true, true) => ControlTurn::Clean,
             (true, false) => ControlTurn::Noisy,
         }
+    }
+
+    /// First row and column of what step number `step` compares by LPIPS, if it does.
+    pub(super) fn lpips_turn(&self, step: usize, rng: &mut ChaCha20Rng) -> Option<[usize; 2]> {
+        let term = self.trained_lpips().filter(|term| step.is_multiple_of(term.every as usize))?;
+        let (frame, part) = (self.frame_size(), term.part_of(self.frame_size()));
+        let mut first = |whole: usize, part: usize| match u32::try_from(whole - part) {
+            Ok(0) | Err(_) => 0,
+            Ok(spare) => uniform_below(rng, spare + 1) as usize,
+        };
+        Some([first(frame.height, part.height), first(frame.width, part.width)])
+    }
+
+    /// Steps after which controls and LPIPS come in the same order again.
+    pub(super) fn round(&self) -> usize {
+        let every = self.trained_lpips().map_or(1, |term| term.every) as usize;
+        let control = self.control_every as usize;
+        (1..=every).map(|times| times * control).find(|steps| steps.is_multiple_of(every)).unwrap_or(control)
     }
 
     /// Clips that the extractor reads in a step with a control: the marked one and, for `joint`, that control.
@@ -262,6 +349,9 @@ impl EmbedConfig {
                 got: self.control_every.to_string(),
                 expected: "at least 1, and 1 for all but `joint`, which alone has controls".to_owned(),
             });
+        }
+        if let Some(term) = &self.lpips {
+            term.validate(self.frame_size())?;
         }
         let checks = [
             ("steps", self.steps as f64, self.steps > 0),
@@ -313,6 +403,10 @@ fn weight(name: &'static str, value: f32) -> (&'static str, f64, bool) {
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
 fn is_one(number: &u32) -> bool {
     *number == 1
+}
+
+fn name_of_weights<S: Serializer>(weights: &Arc<LpipsWeights>, serializer: S) -> Result<S::Ok, S::Error> {
+    weights.as_ref().serialize(serializer)
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]

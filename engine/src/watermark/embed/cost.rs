@@ -20,7 +20,7 @@ pub enum StepPart {
     Tmsd,
     /// CLIP's image tower and the decoder, both ways. They share their kernels; the decoder's share is tiny.
     Clip,
-    /// Fidelity, message and control losses.
+    /// Fidelity, message and control losses; LPIPS with its network.
     Losses,
     /// Adam.
     Optimiser,
@@ -31,7 +31,7 @@ pub enum StepPart {
 }
 
 /// Beginnings of pass names; the first that fits counts.
-const TABLE: [(&str, StepPart); 17] = [
+const TABLE: [(&str, StepPart); 20] = [
     ("splat/dc_colour_fwd", StepPart::RenderForward),
     ("splat/sh_fwd", StepPart::RenderForward),
     ("splat/rasterize_clear", StepPart::RenderForward),
@@ -41,9 +41,12 @@ const TABLE: [(&str, StepPart); 17] = [
     ("splat/dc_colour_bwd", StepPart::RenderBackward),
     ("splat/sh_bwd", StepPart::RenderBackward),
     ("image/colour_map", StepPart::Tmsd),
+    ("image/crop", StepPart::Losses),
     ("image/", StepPart::Image),
     ("nn/conv3d", StepPart::Tmsd),
     ("nn/axpy", StepPart::Tmsd),
+    ("nn/matmul_fwd_windows", StepPart::Losses),
+    ("nn/max_pool", StepPart::Losses),
     ("nn/", StepPart::Clip),
     ("loss/", StepPart::Losses),
     ("optim/", StepPart::Optimiser),

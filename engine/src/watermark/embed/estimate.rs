@@ -10,7 +10,7 @@ use crate::error::EngineError;
 
 /// Training clips that are made to learn what a clip takes; views differ by some percent.
 const SAMPLED_CLIPS: usize = 8;
-/// Steps that are timed, or as many more as their controls take to come round, after those in which the driver compiles.
+/// Steps that are timed, or as many more as controls and LPIPS take to come round, after those in which the driver compiles.
 const TIMED_STEPS: usize = 2;
 /// Forward passes of the extractor by which the work of a fit is counted: for each clip, for each random field, and for
 /// each of the clips that set the zero.
@@ -61,8 +61,8 @@ impl Estimate {
         pool.thin_out(SAMPLED_CLIPS);
         let sampled = pool.len();
         let mut embedding = Embedding::prepare_on(subject, few.clone(), Start::Fit, pool)?;
-        // Steps with a control take longer than those without: a whole number of rounds is timed.
-        let round = config.control_every as usize;
+        // Steps with a control or with LPIPS take longer than those without: a whole number of rounds is timed.
+        let round = config.round();
         let timed_steps = TIMED_STEPS.next_multiple_of(round);
         let mut timed = 0.0;
         for step in 0..(round + timed_steps).min(config.steps) {

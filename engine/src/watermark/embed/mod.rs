@@ -6,6 +6,7 @@ mod config;
 mod cost;
 mod estimate;
 mod fit;
+mod perception;
 mod pool;
 mod step;
 
@@ -15,7 +16,7 @@ use std::time::Instant;
 use guard4d_kernels::Device;
 use rand_chacha::ChaCha20Rng;
 
-pub use config::{Control, EmbedConfig, Profile};
+pub use config::{Control, EmbedConfig, LpipsTerm, Profile};
 pub use cost::StepPart;
 pub use estimate::Estimate;
 pub use step::{HeldOutReport, StepReport};
@@ -212,12 +213,14 @@ impl<'a> Embedding<'a> {
         let training = u32::try_from(self.clips.training().len()).unwrap_or(u32::MAX);
         let clip = self.clips.get(uniform_below(&mut rng, training) as usize, &mut self.stage)?;
         let (low, high) = config.noise_sigma;
+        let sigma = low * (high / low).powf(unit(&mut rng));
         let rates = Rates {
             decay: cosine(self.step, config.steps, config.lr_floor),
             keep: self.keep,
-            sigma: low * (high / low).powf(unit(&mut rng)),
+            sigma,
             stream: u32::try_from(self.step).unwrap_or(u32::MAX),
             control: config.control_turn(self.step),
+            lpips: config.lpips_turn(self.step, &mut rng),
         };
         let (mut report, timings) = self.critic.step(self.subject.device, &mut self.stage, &clip, config, rates)?;
         if !(report.total.is_finite() && report.mse.is_finite()) {

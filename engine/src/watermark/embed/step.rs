@@ -16,6 +16,7 @@ use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
 
 use super::clips::TrainingClip;
 use super::config::{ControlTurn, EmbedConfig};
+use super::perception::Perception;
 use super::pool::ClipPool;
 use crate::error::EngineError;
 use crate::render::{OffsetBases, Offsets, Renderer};
@@ -79,7 +80,7 @@ impl Stage {
             penalty_sums: SumScratch::new(device, offsets.div_ceil(4))?,
             raw: full("raw")?,
             marked: full("marked")?,
-            v_marked: if config.lambda_recon > 0.0 { full("v_marked")? } else { device.buffer("stage.v_marked", 0)? },
+            v_marked: if config.looks_at_pixels() { full("v_marked")? } else { device.buffer("stage.v_marked", 0)? },
             v_raw: full("v_raw")?,
             resized: small("resized")?,
             noisy_resized: small("noisy_resized")?,
@@ -115,6 +116,8 @@ pub struct StepReport {
     pub mse: f32,
     /// Reconstruction loss (L1 and 1 − SSIM); 0 when its weight is.
     pub recon: f32,
+    /// LPIPS; 0 in a step that does not compare by it.
+    pub lpips: f32,
     /// Offset penalty; 0 when its weight is.
     pub offset: f32,
     /// Weighted sum of the losses.
@@ -148,6 +151,8 @@ pub(super) struct Rates {
     pub(super) stream: u32,
     /// Control that the step reads, if it trains R.
     pub(super) control: ControlTurn,
+    /// First row and column of what is compared by LPIPS, in the steps that do.
+    pub(super) lpips: Option<[usize; 2]>,
 }
 
 /// Both parameter groups of the offsets.
@@ -171,12 +176,14 @@ pub(super) struct Critic {
     objective: Objective,
     values: Buffer<f32>,
     branches: Vec<Branch>,
-    /// What the host reads of a step, in one piece: `values`, the branches' losses, logits of all branches.
+    /// What the host reads of a step, in one piece: `values`, the branches' losses, logits of all branches, LPIPS.
     report: Buffer<f32>,
     scratch_logits: Buffer<f32>,
     sums: SumScratch,
     /// Working memory for SSIM, when it is part of the loss.
     similarity: Option<SsimScratch>,
+    /// LPIPS, when it is part of the loss.
+    perception: Option<Perception>,
 }
 
 /// Logits of one clip and their loss.
@@ -196,7 +203,9 @@ impl Critic {
     ) -> Result<Self, EngineError> {
         let branches = features.branches();
         let bits: Vec<f32> = message.bits().map(|b| f32::from(u8::from(b))).collect();
-        let reported = NUM_VALUES + branches * (1 + CLIP_FRAMES * bits.len());
+        let perception = Perception::new(device, config)?;
+        let logits = branches * CLIP_FRAMES * bits.len();
+        let reported = NUM_VALUES + branches + logits + perception.as_ref().map_or(0, |p| p.values().len());
         let branch = || -> Result<Branch, KernelError> {
             Ok(Branch {
                 logits: device.buffer("critic.logits", CLIP_FRAMES * bits.len())?,
@@ -225,6 +234,7 @@ impl Critic {
                 _ => Objective::Bce,
             },
             message: *message,
+            perception,
             features,
             decoder,
         })
@@ -265,6 +275,9 @@ impl Critic {
         let mut rec = device.recorder()?;
         stage.render(&mut rec, clip)?;
         self.fidelity(&mut rec, stage, clip, config)?;
+        if let (Some(perception), Some(corner)) = (&mut self.perception, rates.lpips) {
+            perception.step(&mut rec, (&stage.marked, &clip.reference), corner, &mut stage.v_marked)?;
+        }
         self.logits(&mut rec, stage, clip, config, rates)?;
         self.message_losses(&mut rec, config, rates)?;
         self.update(&mut rec, stage, clip, config, rates)?;
@@ -405,7 +418,13 @@ impl Critic {
             rec.copy(&branch.value, 0, &mut self.report, NUM_VALUES + i, 1)?;
         }
         let logits = &self.branches[0].logits;
-        rec.copy(logits, 0, &mut self.report, NUM_VALUES + self.branches.len(), logits.len())
+        rec.copy(logits, 0, &mut self.report, NUM_VALUES + self.branches.len(), logits.len())?;
+        if let Some(perception) = &self.perception {
+            let values = perception.values();
+            let at = self.report.len() - values.len();
+            rec.copy(values, 0, &mut self.report, at, values.len())?;
+        }
+        Ok(())
     }
 
     fn report(&self, config: &EmbedConfig, rates: Rates) -> Result<StepReport, KernelError> {
@@ -422,12 +441,18 @@ impl Critic {
             true => (1.0 - config.lambda_ssim) * values[L1] + config.lambda_ssim * values[DISSIMILARITY],
             false => 0.0,
         };
+        let lpips = match (&self.perception, rates.lpips) {
+            (Some(perception), Some(_)) => perception.score(&read[read.len() - perception.values().len()..]),
+            _ => 0.0,
+        };
         let (message, offset) = (losses[0], values[OFFSET]);
         let total = config.lambda_msg * (message + config.lambda_control * control)
             + config.lambda_recon * recon
+            + config.lpips.as_ref().map_or(0.0, |term| term.lambda * lpips)
             + config.lambda_offset * offset;
         let bit_accuracy = share_right(marked, &vec![0.0; self.target.len()], &self.message);
-        Ok(StepReport { message, control, mse: values[MSE], recon, offset, total, bit_accuracy, held_out: None })
+        let mse = values[MSE];
+        Ok(StepReport { message, control, mse, recon, lpips, offset, total, bit_accuracy, held_out: None })
     }
 
     /// Fidelity and readability of the mark on clips that no step is taken on. Forward only, and without a trace:
@@ -455,7 +480,7 @@ impl Critic {
             rec.copy(&pass.logits, 0, &mut self.report, at, len * self.branches.len())?;
             rec.submit()?;
             let read = self.report.read()?;
-            let (of_marked, of_unmarked) = read[at..].split_at(len);
+            let (of_marked, of_unmarked) = read[at..at + len * self.branches.len()].split_at(len);
             squares += read[MSE];
             marked.extend_from_slice(of_marked);
             unmarked.extend_from_slice(of_unmarked);
