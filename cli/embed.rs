@@ -24,6 +24,7 @@ use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::message::{Message, Payload};
 use guard4d_engine::watermark::undo;
 use guard4d_kernels::Device;
+use guard4d_kernels::vk::MemoryUse;
 use serde::Serialize;
 
 use crate::args::{BasesArg, Common, EffortArgs, EmbedArgs, ExtractorArg, LpipsArgs, LpipsInputArg, ProfileArg};
@@ -43,6 +44,8 @@ struct Printed<'a> {
     seconds: &'a BTreeMap<String, f64>,
     /// Most device memory taken from the driver at one time.
     peak_memory_bytes: u64,
+    /// Most of it that was in use at one time; the rest lay idle in blocks.
+    peak_used_bytes: u64,
 }
 
 pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineError> {
@@ -76,8 +79,10 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
     let missed = gate.missed(&evaluation);
     let seconds = &embedded.seconds;
     let evidence = evidence_in_words(evaluation.mode);
-    let peak_memory_bytes = inputs.device.memory_use().peak_reserved_bytes;
-    let result = Printed { evaluation: &evaluation, evidence, missed: &missed, seconds, peak_memory_bytes };
+    let MemoryUse { peak_reserved_bytes: peak_memory_bytes, peak_bytes: peak_used_bytes, .. } =
+        inputs.device.memory_use();
+    let result =
+        Printed { evaluation: &evaluation, evidence, missed: &missed, seconds, peak_memory_bytes, peak_used_bytes };
     print(common, &result, |result| {
         let costs = cost_rows(result.evaluation, result.seconds, result.peak_memory_bytes);
         table(&[reading_rows(result.evaluation), costs].concat())

@@ -1,12 +1,13 @@
 //! The miniature CLIP against transformers' outputs and gradients: for the golden file's random pictures and texts, and
 //! for real ones where the test material is.
 
-use guard4d_engine::clip::{Clip, ClipSource, Precision, Purpose};
+use guard4d_engine::clip::{Clip, ClipSource, Precision, Purpose, VisionTower, VisionWorkspace};
 use guard4d_engine::tensor_file::TensorFile;
+use guard4d_kernels::Buffer;
 
 use super::{length, padded_texts, pixels_of, token_ids};
 use crate::support::close::{assert_close, assert_features_close, cosine, relative_distance};
-use crate::support::gpu::{Gpu, device, half_device};
+use crate::support::gpu::{Gpu, device, half_device, own_device};
 use crate::support::{repo, shared};
 
 fn fixtures() -> Option<TensorFile> {
@@ -105,6 +106,49 @@ fn pixel_gradients_match_transformers() {
             assert_close(g, w, 1e-3 * largest, 1e-3);
         }
     }
+}
+
+#[test]
+fn activations_computed_again_give_the_same_bits_in_less_memory() {
+    let Some(gpu) = own_device() else { return };
+    let file = golden();
+    let pixels = pixels_of(file.floats("pixel_values", &[2, 3, 64, 64]).expect("pictures"), 64);
+    let pixels = gpu.buffer_from("pixels", &pixels).expect("buffer");
+    let v_features = file.floats("v_image_embeds", &[2, 512]).expect("a gradient");
+    let v_features = gpu.buffer_from("v_features", v_features).expect("buffer");
+    let mut v_pixels = gpu.buffer_from("v_pixels", &vec![f32::NAN; 2 * 64 * 64 * 4]).expect("buffer");
+    let run = |tower: &VisionTower, ws: &mut VisionWorkspace, v_pixels: &mut Buffer<f32>| {
+        let mut rec = gpu.recorder().expect("recorder");
+        tower.forward(&mut rec, &pixels, ws).expect("records");
+        rec.submit().expect("runs");
+        // The second time no forward pass comes first: what is shared is then another layer's.
+        [0; 2].map(|_| {
+            let mut rec = gpu.recorder().expect("recorder");
+            rec.fill(v_pixels, f32::NAN);
+            tower.backward(&mut rec, &v_features, ws, v_pixels).expect("records");
+            rec.submit().expect("runs");
+            v_pixels.read().expect("read").into_iter().map(f32::to_bits).collect::<Vec<_>>()
+        })
+    };
+    let [mut kept, mut lean] = [Purpose::InputGradient, Purpose::LeanInputGradient].map(|purpose| {
+        let tower = mini(&gpu).vision(purpose).expect("tower");
+        let before = gpu.memory_use().live_bytes;
+        let ws = tower.workspace(2).expect("workspace");
+        (tower, ws, gpu.memory_use().live_bytes - before)
+    });
+    // Of three layers, two forget 130 rows of 9 times 128 floats.
+    let spared = 2 * 130 * 9 * 128 * size_of::<f32>() as u64;
+    assert!(kept.2 >= lean.2 + spared, "{} and {} bytes", kept.2, lean.2);
+    let want = run(&kept.0, &mut kept.1, &mut v_pixels);
+    assert!(want[0] == want[1], "a backward pass changes nothing that it reads");
+    assert!(want[0].iter().any(|v| *v != 0), "a gradient");
+    assert!(run(&lean.0, &mut lean.1, &mut v_pixels) == want, "computed again");
+    assert!(lean.1.recomputes() && !kept.1.recomputes(), "as the towers were loaded");
+    assert!(!lean.1.forget_activations(), "there are none");
+    let before = gpu.memory_use().live_bytes;
+    assert!(kept.1.forget_activations(), "there were some");
+    assert!(gpu.memory_use().live_bytes + spared <= before, "they are gone");
+    assert!(run(&kept.0, &mut kept.1, &mut v_pixels) == want, "computed again where they were kept once");
 }
 
 #[test]

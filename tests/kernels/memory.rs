@@ -2,7 +2,7 @@
 
 use guard4d_engine::EngineError;
 use guard4d_kernels::KernelError;
-use guard4d_kernels::vk::{Arena, DeviceKind, MemoryPropertyFlags as Property, MemoryType, MemoryUse, work_memory};
+use guard4d_kernels::vk::{DeviceKind, MemoryPropertyFlags as Property, MemoryType, MemoryUse, work_memory};
 
 use crate::support::gpu::own_device;
 
@@ -110,19 +110,22 @@ fn no_room_is_an_error_that_names_who_holds_the_memory() {
 fn a_budget_refuses_what_would_break_it_and_nothing_else() {
     let Some(gpu) = own_device() else { return };
     assert_eq!(gpu.memory_budget(), None);
-    // Small buffers share a block, a large one takes memory for itself.
-    let quarter = |n: usize, block: u64| n * block as usize / 4 / size_of::<f32>();
+    // Small buffers share a block, a large one takes memory for itself: what is as large as a block always does.
+    let part = |share: usize, block: u64| share * block as usize / 2048 / size_of::<f32>();
     let first = gpu.buffer::<f32>("first", 4).expect("buffer");
     let block = gpu.memory_use().reserved_bytes;
-    let small = gpu.buffer::<f32>("small", quarter(1, block)).expect("buffer");
-    let large = gpu.buffer::<f32>("large", quarter(8, block)).expect("buffer");
+    let small: Vec<_> = (0..2046).map(|_| gpu.buffer::<f32>("small", part(1, block)).expect("buffer")).collect();
+    let large = gpu.buffer::<f32>("large", part(2560, block)).expect("buffer");
     let used = gpu.memory_use();
-    assert_eq!(used.reserved_bytes, 3 * block, "{used:?}");
-    let budget = 7 * block / 2;
+    assert_eq!(used.reserved_bytes, block + 2560 * block / 2048, "{used:?}");
+    let budget = used.reserved_bytes + block / 2;
     gpu.limit_memory(budget);
     assert_eq!(gpu.memory_budget(), Some(budget));
-    for (name, quarters) in [("needs a second block", 4), ("needs one of its own", 5)] {
-        let len = quarter(quarters, block);
+    let last = gpu.buffer::<f32>("fits in the first block", part(1, block)).expect("no new block");
+    assert_eq!(gpu.memory_use().reserved_bytes, used.reserved_bytes, "as it was");
+    for (name, share) in [("needs a second block", 1), ("needs memory of its own", 2048)] {
+        let used = gpu.memory_use();
+        let len = part(share, block);
         let error = gpu.buffer::<f32>(name, len).expect_err("beyond the budget");
         let KernelError::OverBudget { name: told, bytes, budget: limit, live_bytes, reserved_bytes } = &error else {
             panic!("{error:?}");
@@ -133,22 +136,22 @@ fn a_budget_refuses_what_would_break_it_and_nothing_else() {
         assert_eq!(EngineError::from(error).exit_code(), 69);
         assert_eq!(gpu.memory_use(), used, "a refusal leaves nothing behind");
     }
-    gpu.buffer::<f32>("fits in the first block", quarter(2, block)).expect("no new block");
     drop(large);
-    gpu.buffer::<f32>("fits now", quarter(8, block)).expect("the large one is gone");
+    gpu.buffer::<f32>("fits now", part(3584, block)).expect("the large one is gone");
     assert!(gpu.memory_use().peak_reserved_bytes <= budget, "{:?}", gpu.memory_use());
-    assert_eq!(small.read_range(0..1).expect("reads"), [0.0], "what was there is as it was");
-    drop(first);
+    assert_eq!(small[0].read_range(0..1).expect("reads"), [0.0], "what was there is as it was");
+    drop((first, last));
 }
 
 #[test]
-fn arenas_share_no_block() {
+fn large_buffers_leave_no_gaps() {
     let Some(gpu) = own_device() else { return };
-    let clips = gpu.with_arena(Arena::Clips);
-    let resident = gpu.buffer::<f32>("resident", 8).expect("buffer");
-    let one = gpu.memory_use().reserved_bytes;
-    let clip = clips.buffer::<f32>("clip", 8).expect("buffer");
-    assert_eq!(gpu.memory_use().reserved_bytes, 2 * one, "a block each");
-    drop((resident, clip));
-    assert_eq!(clips.memory_use().live_bytes, 0, "both handles count the same memory");
+    let first = gpu.buffer::<f32>("first", 4).expect("buffer");
+    let block = gpu.memory_use().reserved_bytes;
+    // Larger than half a block: side by side in blocks, each would leave the rest of its block idle.
+    let len = 5 * block as usize / 8 / size_of::<f32>();
+    let held: Vec<_> = (0..40).map(|_| gpu.buffer::<f32>("large", len).expect("buffer")).collect();
+    let MemoryUse { live_bytes, reserved_bytes, .. } = gpu.memory_use();
+    assert_eq!(reserved_bytes, block + 4 * (held.len() * len) as u64, "{live_bytes} bytes are in use");
+    drop(first);
 }

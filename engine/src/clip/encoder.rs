@@ -8,6 +8,7 @@ use guard4d_kernels::nn::attention::{
 };
 use guard4d_kernels::nn::layer_norm::{self, LayerNorm, Rows};
 use guard4d_kernels::nn::matmul::Epilogue;
+use guard4d_kernels::nn::pack::Precision;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
 
 use super::config::Sizes;
@@ -41,6 +42,7 @@ pub(super) struct Encoder {
     last: LastLayer,
     sizes: Sizes,
     purpose: Purpose,
+    precision: Precision,
 }
 
 /// Sequences of a batch and the token that is read from each.
@@ -85,12 +87,13 @@ impl Encoder {
             out: loader.linear(&prefix, &[out], sizes.width)?,
             mlp: mlp(&prefix)?,
         };
-        Ok(Self { layers, last, sizes, purpose: loader.purpose })
+        Ok(Self { layers, last, sizes, purpose: loader.purpose, precision: loader.precision })
     }
 
     /// From `state.x` (first entry) to `state.y`, the picked tokens of the last layer.
     pub(super) fn forward(&self, rec: &mut Recorder, state: &mut EncoderState) -> Result<(), KernelError> {
         let (ring, kept) = (state.x.len(), state.full.len());
+        state.shared = self.layers.len().saturating_sub(1);
         for (i, layer) in self.layers.iter().enumerate() {
             let [x, next] = state
                 .x
@@ -109,11 +112,17 @@ impl Encoder {
         v_y: &Buffer<f32>,
         state: &mut EncoderState,
     ) -> Result<(), KernelError> {
-        let EncoderState { x, full, last, scratch, grads, .. } = state;
+        let EncoderState { x, full, shared, last, scratch, grads, .. } = state;
+        let is_shared = full.len() < self.layers.len();
         let grads = grads.as_mut().expect("workspaces with gradients are made from towers with adjoints only");
         self.last.backward(rec, v_y, (&x[self.layers.len()], last), scratch, grads)?;
         for (i, layer) in self.layers.iter().enumerate().rev() {
-            layer.backward(rec, (&x[i], &mut full[i]), scratch, grads)?;
+            let state = &mut full[if is_shared { 0 } else { i }];
+            if is_shared && *shared != i {
+                layer.remember(rec, &x[i], state, scratch)?;
+                *shared = i;
+            }
+            layer.backward(rec, (&x[i], state), scratch, grads)?;
         }
         Ok(())
     }
@@ -168,7 +177,10 @@ pub(super) struct EncoderState {
     pub(super) x: Vec<Buffer<f32>>,
     /// Picked tokens of the last layer `[sequences, width]`.
     pub(super) y: Buffer<f32>,
+    /// One for each full layer, or one that all of them share.
     full: Vec<FullState>,
+    /// Layer that a shared state is of.
+    shared: usize,
     last: LastState,
     scratch: MlpScratch,
     grads: Option<Grads>,
@@ -182,6 +194,7 @@ impl EncoderState {
         let (ring, kept) = match purpose {
             Purpose::Features => (2.min(full_layers + 1), 1.min(full_layers)),
             Purpose::InputGradient => (full_layers + 1, full_layers),
+            Purpose::LeanInputGradient => (full_layers + 1, 1.min(full_layers)),
         };
         let wide = batch.rows() * sizes.width;
         let x = (0..ring).map(|i| device.buffer(&format!("{name}.{i}.x"), wide)).collect::<Result<_, _>>()?;
@@ -190,13 +203,26 @@ impl EncoderState {
             x,
             y: device.buffer(&format!("{name}.y"), batch.sequences * sizes.width)?,
             full: full.collect::<Result<_, _>>()?,
+            shared: 0,
             last: LastState::new(device, &format!("{name}.last"), encoder, batch)?,
             scratch: MlpScratch::new(device, name, batch.rows(), sizes.width, sizes.inner)?,
-            grads: match purpose {
-                Purpose::Features => None,
-                Purpose::InputGradient => Some(Grads::new(device, name, sizes.width, batch)?),
-            },
+            grads: if purpose.has_gradient() { Some(Grads::new(device, name, sizes.width, batch)?) } else { None },
         })
+    }
+
+    /// Whether the backward pass computes activations again. There is one input more than full layers when gradients are
+    /// asked for.
+    pub(super) fn recomputes(&self) -> bool {
+        self.grads.is_some() && self.full.len() + 1 < self.x.len()
+    }
+
+    /// Gives back the memory of activations that the backward pass can compute again; whether there were any.
+    pub(super) fn forget_activations(&mut self) -> bool {
+        let had = self.full.len() > 1;
+        if had {
+            (self.full, self.shared) = (self.full.drain(..1).collect(), 0);
+        }
+        had
     }
 
     /// Gradient of the first entry of `x` after the backward pass.
@@ -205,7 +231,8 @@ impl EncoderState {
     }
 }
 
-fn attention_shape(sizes: &Sizes, batch: Batch) -> AttentionShape {
+fn attention_shape(encoder: &Encoder, batch: Batch) -> AttentionShape {
+    let sizes = &encoder.sizes;
     AttentionShape {
         batch: batch.sequences,
         heads: sizes.heads,
@@ -213,13 +240,14 @@ fn attention_shape(sizes: &Sizes, batch: Batch) -> AttentionShape {
         queries: batch.tokens,
         keys: batch.tokens,
         mask: batch.mask,
+        precision: encoder.precision,
     }
 }
 
 impl FullState {
     fn new(device: &Device, name: &str, encoder: &Encoder, batch: Batch) -> Result<Self, KernelError> {
         let sizes = &encoder.sizes;
-        let shape = attention_shape(sizes, batch);
+        let shape = attention_shape(encoder, batch);
         let wide = batch.rows() * sizes.width;
         Ok(Self {
             shape,
@@ -235,7 +263,7 @@ impl LastState {
     fn new(device: &Device, name: &str, encoder: &Encoder, batch: Batch) -> Result<Self, KernelError> {
         let sizes = &encoder.sizes;
         // The causal mask lets the last token see every key, which is what one query at the end of the keys sees.
-        let shape = AttentionShape { queries: 1, mask: Mask::Full, ..attention_shape(sizes, batch) };
+        let shape = AttentionShape { queries: 1, mask: Mask::Full, ..attention_shape(encoder, batch) };
         let narrow = batch.sequences * sizes.width;
         Ok(Self {
             batch,
@@ -275,13 +303,36 @@ impl FullLayer {
         state: &mut FullState,
         scratch: &mut MlpScratch,
     ) -> Result<(), KernelError> {
+        self.attend(rec, x, state, scratch)?;
+        self.mlp.forward(rec, &mut state.mlp, scratch, next)
+    }
+
+    /// What of the forward pass the backward one reads.
+    fn remember(
+        &self,
+        rec: &mut Recorder,
+        x: &Buffer<f32>,
+        state: &mut FullState,
+        scratch: &mut MlpScratch,
+    ) -> Result<(), KernelError> {
+        self.attend(rec, x, state, scratch)?;
+        self.mlp.before_activation(rec, &mut state.mlp, scratch)
+    }
+
+    /// First half of the layer, to `state.mlp.x`.
+    fn attend(
+        &self,
+        rec: &mut Recorder,
+        x: &Buffer<f32>,
+        state: &mut FullState,
+        scratch: &mut MlpScratch,
+    ) -> Result<(), KernelError> {
         let rows = Rows::all(x.len() / self.norm.width());
         layer_norm::forward(rec, &self.norm, x, rows, &mut scratch.hidden)?;
         self.qkv.forward(rec, &scratch.hidden, PLAIN, &mut state.qkv)?;
         let inputs = Projections::Fused(&state.qkv);
         attention::forward(rec, &state.shape, inputs, &mut state.stats, &mut state.attn)?;
-        self.out.forward(rec, &state.attn, Epilogue::Add(x), &mut state.mlp.x)?;
-        self.mlp.forward(rec, &mut state.mlp, scratch, next)
+        self.out.forward(rec, &state.attn, Epilogue::Add(x), &mut state.mlp.x)
     }
 
     /// `grads.v_x` is the gradient of the output before, of the input after.

@@ -16,6 +16,17 @@ pub enum Purpose {
     Features,
     /// Features and the gradient to the input.
     InputGradient,
+    /// The same in less memory: the backward pass computes most activations again, with the same kernels from the same
+    /// inputs and so to the same bits, instead of finding them kept.
+    LeanInputGradient,
+}
+
+impl Purpose {
+    /// Whether gradients are asked for.
+    #[must_use]
+    pub fn has_gradient(self) -> bool {
+        self != Self::Features
+    }
 }
 
 /// Where weights come from and what they are for.
@@ -24,7 +35,7 @@ pub(super) struct Loader<'a> {
     pub(super) device: &'a Device,
     pub(super) weights: &'a Weights,
     pub(super) purpose: Purpose,
-    /// Of the matrices; norms and biases are floats.
+    /// Of the matrices and of the attention between them; norms and biases are floats.
     pub(super) precision: Precision,
 }
 
@@ -54,12 +65,11 @@ impl Loader<'_> {
         inputs: usize,
     ) -> Result<Linear, KernelError> {
         let outputs = weight.len() / inputs;
-        let adjoint = match self.purpose {
-            Purpose::Features => None,
-            Purpose::InputGradient => {
-                let name = format!("{name}.adjoint");
-                Some(PackedWeight::transposed(self.device, &name, weight, (inputs, outputs), self.precision)?)
-            }
+        let adjoint = if self.purpose.has_gradient() {
+            let name = format!("{name}.adjoint");
+            Some(PackedWeight::transposed(self.device, &name, weight, (inputs, outputs), self.precision)?)
+        } else {
+            None
         };
         Ok(Linear {
             weight: PackedWeight::in_precision(self.device, name, weight, (outputs, inputs), self.precision)?,
@@ -132,7 +142,7 @@ impl MlpState {
         (rows, width, inner): (usize, usize, usize),
         purpose: Purpose,
     ) -> Result<Self, KernelError> {
-        let kept = if purpose == Purpose::InputGradient { rows * inner } else { 0 };
+        let kept = if purpose.has_gradient() { rows * inner } else { 0 };
         Ok(Self {
             x: device.buffer(&format!("{name}.x_mid"), rows * width)?,
             pre: device.buffer(&format!("{name}.pre"), kept)?,
@@ -188,15 +198,30 @@ impl Mlp {
         scratch: &mut MlpScratch,
         y: &mut Buffer<f32>,
     ) -> Result<(), KernelError> {
-        let rows = Rows::all(state.x.len() / self.norm.width());
-        layer_norm::forward(rec, &self.norm, &state.x, rows, &mut scratch.hidden)?;
         if state.pre.is_empty() {
+            self.normalise(rec, state, scratch)?;
             self.fc1.forward(rec, &scratch.hidden, Epilogue::Activate(self.activation), &mut scratch.inner)?;
         } else {
-            self.fc1.forward(rec, &scratch.hidden, PLAIN, &mut state.pre)?;
+            self.before_activation(rec, state, scratch)?;
             activation::forward(rec, self.activation, &state.pre, &mut scratch.inner)?;
         }
         self.fc2.forward(rec, &scratch.inner, Epilogue::Add(&state.x), y)
+    }
+
+    /// `state.pre = fc1(norm(state.x))`: the part of the forward pass that the backward one reads.
+    pub(super) fn before_activation(
+        &self,
+        rec: &mut Recorder,
+        state: &mut MlpState,
+        scratch: &mut MlpScratch,
+    ) -> Result<(), KernelError> {
+        self.normalise(rec, state, scratch)?;
+        self.fc1.forward(rec, &scratch.hidden, PLAIN, &mut state.pre)
+    }
+
+    fn normalise(&self, rec: &mut Recorder, state: &MlpState, scratch: &mut MlpScratch) -> Result<(), KernelError> {
+        let rows = Rows::all(state.x.len() / self.norm.width());
+        layer_norm::forward(rec, &self.norm, &state.x, rows, &mut scratch.hidden)
     }
 
     /// Gradient to `state.x`, residual path included.

@@ -48,6 +48,20 @@ pub struct VisionWorkspace {
     pub features: Buffer<f32>,
 }
 
+impl VisionWorkspace {
+    /// Gives back the memory of activations that the backward pass can compute again, as if the tower had been loaded
+    /// for [`Purpose::LeanInputGradient`]; whether there were any.
+    pub fn forget_activations(&mut self) -> bool {
+        self.encoder.forget_activations()
+    }
+
+    /// Whether the backward pass computes activations again.
+    #[must_use]
+    pub fn recomputes(&self) -> bool {
+        self.encoder.recomputes()
+    }
+}
+
 impl VisionTower {
     pub(super) fn load(
         device: &Device,
@@ -107,7 +121,7 @@ impl VisionTower {
         let tokens = self.config.tokens();
         let (width, device) = (self.config.hidden_size, &self.device);
         let sequences = Batch { sequences: batch, tokens, pick: 0, mask: Mask::Full };
-        let kept = usize::from(self.purpose == Purpose::InputGradient);
+        let kept = usize::from(self.purpose.has_gradient());
         Ok(VisionWorkspace {
             shape,
             rows: device.buffer("vision.rows", shape.rows_len())?,
@@ -166,7 +180,7 @@ impl VisionTower {
         ws: &mut VisionWorkspace,
         v_pixels: &mut Buffer<f32>,
     ) -> Result<(), KernelError> {
-        if self.purpose != Purpose::InputGradient {
+        if !self.purpose.has_gradient() {
             return Err(KernelError::Shape {
                 kernel: "clip/vision",
                 buffer: "purpose",

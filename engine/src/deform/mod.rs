@@ -46,8 +46,15 @@ impl DeformField {
     /// Keeps at most `times` moments, at least one; the least recently used goes first.
     #[must_use]
     pub fn with_cached_times(mut self, times: usize) -> Self {
-        self.max_cached = times.max(1);
+        self.limit_cached_times(times);
         self
+    }
+
+    /// The same for a field in use: what is more than that goes. Whether fewer can be kept than before.
+    pub fn limit_cached_times(&mut self, times: usize) -> bool {
+        let times = times.max(1);
+        self.cached.drain(..self.cached.len().saturating_sub(times));
+        std::mem::replace(&mut self.max_cached, times) > times
     }
 
     /// Drops all moments that are kept.

@@ -10,7 +10,6 @@ use guard4d_kernels::splat::project::View;
 use guard4d_kernels::splat::rasterize::{self, BackwardScratch};
 use guard4d_kernels::splat::sh::{self, ShInputs};
 use guard4d_kernels::splat::tile_bin::TileBinner;
-use guard4d_kernels::vk::Arena;
 use guard4d_kernels::{Buffer, Device, Recorder};
 
 pub use film::Film;
@@ -83,10 +82,9 @@ impl Renderer {
     /// # Errors
     /// When device memory runs out or the device fails.
     pub fn fix_view(&self, mut plan: FramePlan) -> Result<FramePlan, EngineError> {
-        let device = self.device.with_arena(Arena::Clips);
-        let mut base = device.buffer("plan.base", 4 * plan.num_visible())?;
-        let none = device.buffer("plan.no_dirs", 0)?;
-        let mut rec = device.recorder()?;
+        let mut base = self.device.buffer("plan.base", 4 * plan.num_visible())?;
+        let none = self.device.buffer("plan.no_dirs", 0)?;
+        let mut rec = self.device.recorder()?;
         sh::before_clamp(&mut rec, &sh_inputs(&plan, None), &plan.visible(), &mut base)?;
         rec.submit()?;
         plan.keep_base(base, none);

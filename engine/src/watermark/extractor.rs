@@ -179,6 +179,18 @@ impl FeatureExtractor {
         Ok(())
     }
 
+    /// Gives back the memory of activations that the backward pass can compute again, to the same bits but slower;
+    /// whether there were any.
+    pub fn forget_activations(&mut self) -> bool {
+        self.batches.iter_mut().fold(false, |had, batch| batch.workspace.forget_activations() | had)
+    }
+
+    /// Whether the backward pass computes activations again.
+    #[must_use]
+    pub fn recomputes(&self) -> bool {
+        self.batches.iter().any(|batch| batch.workspace.recomputes())
+    }
+
     /// Side of the square that clips are resized to.
     #[must_use]
     pub fn side(&self) -> usize {

@@ -9,7 +9,7 @@ use crate::registry::splat::{
 use crate::scan::prefix_sum;
 use crate::scan::radix_sort::{self, SortPairs};
 use crate::shape::dim;
-use crate::vk::{Arena, PassTime};
+use crate::vk::PassTime;
 use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder, Timings};
 
 const KERNEL: &str = "splat/tile_bin";
@@ -178,10 +178,7 @@ impl Job {
 /// Builds [`VisibleLists`]; keeps its working memory between frames.
 #[derive(Debug)]
 pub struct TileBinner {
-    /// For working memory.
     device: Device,
-    /// For the lists.
-    lists: Device,
     splats: Option<SplatScratch>,
     pairs: Option<PairScratch>,
     tiles: Option<TileScratch>,
@@ -195,8 +192,7 @@ impl TileBinner {
     /// When memory runs out.
     pub fn new(device: &Device) -> Result<Self, KernelError> {
         let scan = prefix_sum::Scratch::new(device, "tile_bin")?;
-        let lists = device.with_arena(Arena::Clips);
-        Ok(Self { device: device.clone(), lists, splats: None, pairs: None, tiles: None, scan })
+        Ok(Self { device: device.clone(), splats: None, pairs: None, tiles: None, scan })
     }
 
     /// Projects, sorts and bins the splats of one view; runs at once and waits.
@@ -223,11 +219,11 @@ impl TileBinner {
         let mut passes = Vec::new();
         let total = if n == 0 { 0 } else { self.count(view, splats, job, &mut passes)? };
         if total == 0 {
-            return Ok((empty(&self.lists, job.grid)?, Timings { passes }));
+            return Ok((empty(&self.device, job.grid)?, Timings { passes }));
         }
         let num_active = self.emit(job, total, &mut passes)?;
         let (num_visible, num_isects) = self.select(job, total, (prune, num_active), &mut passes)?;
-        let mut lists = VisibleLists::new(&self.lists, job.grid, [num_visible, num_isects, num_active])?;
+        let mut lists = VisibleLists::new(&self.device, job.grid, [num_visible, num_isects, num_active])?;
         self.compact(job, total, &mut lists, &mut passes)?;
         Ok((lists, Timings { passes }))
     }

@@ -73,7 +73,7 @@ impl BufferInner {
         };
         // SAFETY: `handle` was just created on this device.
         let requirements = unsafe { device.raw.get_buffer_memory_requirements(handle) };
-        let allocation = match device.memory().allocate(name, requirements, purpose) {
+        let allocation = match device.memory().allocate(name, (handle, requirements), purpose) {
             Ok(allocation) => allocation,
             Err(e) => {
                 // SAFETY: nothing has used the buffer yet.
@@ -125,7 +125,7 @@ impl BufferInner {
     }
 
     fn mapped(&self) -> Option<*mut u8> {
-        if matches!(self.purpose, Purpose::Work(_)) && self.device.host_access == HostAccess::Staged {
+        if self.purpose == Purpose::Work && self.device.host_access == HostAccess::Staged {
             return None;
         }
         let allocation = self.allocation.as_ref()?;
@@ -145,7 +145,7 @@ impl Drop for BufferInner {
             self.device.raw.destroy_buffer(self.handle, None);
         }
         if let Some(allocation) = self.allocation.take() {
-            self.device.memory().free(allocation, self.purpose);
+            self.device.memory().free(allocation);
         }
     }
 }
@@ -156,7 +156,7 @@ impl Device {
     /// # Errors
     /// [`KernelError::Allocation`] when memory runs out.
     pub fn buffer<T: Element>(&self, name: &str, len: usize) -> Result<Buffer<T>, KernelError> {
-        self.zeros(name, len, Purpose::Work(self.arena()))
+        self.zeros(name, len, Purpose::Work)
     }
 
     /// A buffer of `len` zeros for copies of what the host reads often: [`Buffer::read`] finds it mapped, so that

@@ -9,7 +9,7 @@ use ash::vk::Handle;
 use super::buffer::BufferInner;
 use super::cooperation::Cooperation;
 use super::family::{FamilySelect, KernelFamily};
-use super::memory::{Arena, Memory};
+use super::memory::Memory;
 use super::pipeline::PipelineCache;
 use super::recorder::Slot;
 use super::select::DeviceSelect;
@@ -117,8 +117,6 @@ pub struct DeviceOptions {
 #[derive(Clone)]
 pub struct Device {
     inner: Arc<DeviceInner>,
-    /// Where this handle's buffers come from.
-    arena: Arena,
 }
 
 impl std::fmt::Debug for Device {
@@ -325,7 +323,7 @@ impl Device {
             names,
             instance,
         });
-        Ok(Self { inner, arena: Arena::default() })
+        Ok(Self { inner })
     }
 
     /// Name, driver and limits.
@@ -344,16 +342,6 @@ impl Device {
     #[must_use]
     pub fn memory_use(&self) -> MemoryUse {
         self.inner.memory().used()
-    }
-
-    /// The same device, whose new buffers go to `arena`.
-    #[must_use]
-    pub fn with_arena(&self, arena: Arena) -> Self {
-        Self { inner: Arc::clone(&self.inner), arena }
-    }
-
-    pub(super) fn arena(&self) -> Arena {
-        self.arena
     }
 
     /// Takes at most `bytes` from the driver from now on; a buffer for which that is not enough is refused with

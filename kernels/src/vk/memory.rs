@@ -9,40 +9,23 @@ use crate::error::KernelError;
 
 /// Buffers that an allocation error names: those that hold the most.
 const NAMED_IN_ERRORS: usize = 3;
-/// Blocks that a heap is cut into at least: drivers grant some four thousand allocations, and buffers larger than a
-/// block take one each.
+/// Blocks that a heap is cut into at least: drivers grant some four thousand allocations.
 const BLOCKS_PER_HEAP: u64 = 2048;
-/// Bytes of a block at least and at most; part of the last block of each arena is idle.
+/// Bytes of the first block, and of a later one at most; part of the last one is idle.
 const BLOCK_BYTES: std::ops::RangeInclusive<u64> = 4 << 20..=64 << 20;
-
-/// Buffers that live and die together share blocks, so that what goes leaves whole blocks behind.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Arena {
-    /// What stays for as long as the work goes on.
-    #[default]
-    Resident,
-    /// What comes and goes with the clips.
-    Clips,
-}
+/// Buffers of at least this many bytes take memory of their own where the driver grants allocations enough: in blocks they
+/// would leave gaps between them when some of them go, and keep blocks of which little is in use.
+const OWN_BYTES: u64 = 4 << 10;
 
 /// What a buffer is for, which decides where it lives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
     /// Kernels read and write it.
-    Work(Arena),
+    Work,
     /// The host writes it once, the device copies from it once.
     Upload,
     /// The device copies into it, the host reads it.
     ReadBack,
-}
-
-impl Purpose {
-    fn arena(self) -> Arena {
-        match self {
-            Self::Work(arena) => arena,
-            Self::Upload | Self::ReadBack => Arena::Resident,
-        }
-    }
 }
 
 /// Memory types for the buffers that kernels work on, as masks over `types`; the first that fits is taken, the next
@@ -80,13 +63,16 @@ fn mask(types: &[vk::MemoryType], fits: impl Fn(&vk::MemoryType) -> bool) -> u32
 }
 
 pub(super) struct Memory {
-    /// By number of the arena.
-    allocators: [Allocator; 2],
+    allocator: Allocator,
     /// See [`work_memory`].
     work: Vec<u32>,
     used: MemoryUse,
-    /// Bytes taken from the driver at a time for buffers that are not larger.
+    /// Buffers of at least so many bytes get memory of their own, others share blocks.
+    own_bytes: u64,
+    /// Bytes of the largest block.
     block_bytes: u64,
+    /// Allocations that may be made for single buffers.
+    granted: u64,
     /// Most bytes to take from the driver.
     budget: Option<u64>,
 }
@@ -99,66 +85,78 @@ impl Memory {
         kind: DeviceKind,
     ) -> Result<Self, KernelError> {
         // SAFETY: the physical device belongs to the instance.
-        let properties = unsafe { instance.get_physical_device_memory_properties(physical_device) };
+        let (properties, limits) = unsafe {
+            let limits = instance.get_physical_device_properties(physical_device).limits;
+            (instance.get_physical_device_memory_properties(physical_device), limits)
+        };
         let work = work_memory(properties.memory_types_as_slice(), kind);
         let largest_heap = properties.memory_heaps_as_slice().iter().map(|heap| heap.size).max().unwrap_or(0);
         // The allocator wants whole multiples of 4 MiB.
         let block_bytes =
             (largest_heap / BLOCKS_PER_HEAP).next_power_of_two().clamp(*BLOCK_BYTES.start(), *BLOCK_BYTES.end());
-        let allocator = || {
-            Allocator::new(&AllocatorCreateDesc {
-                instance: instance.clone(),
-                device: device.clone(),
-                physical_device,
-                debug_settings: AllocatorDebugSettings::default(),
-                buffer_device_address: false,
-                allocation_sizes: AllocationSizes::new(block_bytes, block_bytes),
-            })
-            .map_err(|e| KernelError::Allocation {
-                name: "allocator".into(),
-                bytes: 0,
-                reason: e.to_string(),
-            })
-        };
-        let allocators = [allocator()?, allocator()?];
-        Ok(Self { allocators, work, used: MemoryUse::default(), block_bytes, budget: None })
+        // Half of what the driver grants stays for blocks, whatever the heap is filled with.
+        let granted = u64::from(limits.max_memory_allocation_count / 2).max(1);
+        let allocator = Allocator::new(&AllocatorCreateDesc {
+            instance: instance.clone(),
+            device: device.clone(),
+            physical_device,
+            debug_settings: AllocatorDebugSettings::default(),
+            buffer_device_address: false,
+            allocation_sizes: AllocationSizes::new(*BLOCK_BYTES.start(), *BLOCK_BYTES.start())
+                .with_max_device_memblock_size(block_bytes)
+                .with_max_host_memblock_size(block_bytes),
+        })
+        .map_err(|e| KernelError::Allocation { name: "allocator".into(), bytes: 0, reason: e.to_string() })?;
+        let used = MemoryUse::default();
+        let mut memory = Self { allocator, work, used, own_bytes: 0, block_bytes, granted, budget: None };
+        memory.expect(largest_heap);
+        Ok(memory)
     }
 
     /// Refuses buffers from now on for which more than `bytes` would have to be taken from the driver.
     pub(super) fn limit(&mut self, bytes: u64) {
         self.budget = Some(bytes);
+        self.expect(bytes);
+    }
+
+    /// Chooses what gets memory of its own so that `bytes` in such buffers are few enough allocations.
+    fn expect(&mut self, bytes: u64) {
+        self.own_bytes = (bytes / self.granted).clamp(OWN_BYTES, self.block_bytes);
     }
 
     pub(super) fn budget(&self) -> Option<u64> {
         self.budget
     }
 
+    /// Memory for `buffer`, which has these requirements.
     pub(super) fn allocate(
         &mut self,
         name: &str,
-        requirements: vk::MemoryRequirements,
+        (buffer, requirements): (vk::Buffer, vk::MemoryRequirements),
         purpose: Purpose,
     ) -> Result<Allocation, KernelError> {
         let size = requirements.size;
-        // A large buffer surely takes a block of its own; a small one may find room in one that is there.
-        let held = if size > self.block_bytes { self.used.reserved_bytes } else { self.used.live_bytes };
+        // A large buffer surely takes memory of its own; a small one may find room in a block that is there.
+        let (held, allocation_scheme) = if size >= self.own_bytes {
+            (self.used.reserved_bytes, AllocationScheme::DedicatedBuffer(buffer))
+        } else {
+            (self.used.live_bytes, AllocationScheme::GpuAllocatorManaged)
+        };
         if let Some(budget) = self.budget.filter(|budget| held.saturating_add(size) > *budget) {
             return Err(self.over_budget(name, size, budget));
         }
         let (location, masks) = match purpose {
-            Purpose::Work(_) => (MemoryLocation::GpuOnly, self.work.as_slice()),
+            Purpose::Work => (MemoryLocation::GpuOnly, self.work.as_slice()),
             Purpose::Upload => (MemoryLocation::CpuToGpu, [u32::MAX].as_slice()),
             Purpose::ReadBack => (MemoryLocation::GpuToCpu, [u32::MAX].as_slice()),
         };
-        let allocator = &mut self.allocators[purpose.arena() as usize];
         let mut refused = AllocationError::NoCompatibleMemoryTypeFound;
         let fitting = masks.iter().map(|mask| mask & requirements.memory_type_bits).filter(|bits| *bits != 0);
         for memory_type_bits in fitting {
             let requirements = vk::MemoryRequirements { memory_type_bits, ..requirements };
-            let allocation_scheme = AllocationScheme::GpuAllocatorManaged;
             let request = AllocationCreateDesc { name, requirements, location, linear: true, allocation_scheme };
-            match allocator.allocate(&request) {
-                Ok(allocation) => return self.account(name, allocation, purpose),
+            match self.allocator.allocate(&request) {
+                Ok(allocation) => return self.account(name, allocation),
                 Err(why) => refused = why,
             }
         }
@@ -167,11 +165,11 @@ impl Memory {
 
     /// Counts what was just taken, or gives it back where it broke the budget: whether a buffer needs a new block is
     /// known only afterwards.
-    fn account(&mut self, name: &str, allocation: Allocation, purpose: Purpose) -> Result<Allocation, KernelError> {
+    fn account(&mut self, name: &str, allocation: Allocation) -> Result<Allocation, KernelError> {
         let (size, reserved) = (allocation.size(), self.reserved());
         self.used.live_bytes += size;
         if let Some(budget) = self.budget.filter(|budget| reserved > *budget) {
-            self.free(allocation, purpose);
+            self.free(allocation);
             return Err(self.over_budget(name, size, budget));
         }
         self.used.allocations += 1;
@@ -183,7 +181,7 @@ impl Memory {
 
     /// Bytes taken from the driver.
     fn reserved(&self) -> u64 {
-        self.allocators.iter().map(Allocator::capacity).sum()
+        self.allocator.capacity()
     }
 
     fn over_budget(&self, name: &str, bytes: u64, budget: u64) -> KernelError {
@@ -193,7 +191,7 @@ impl Memory {
 
     /// The error for a buffer that got no memory, with the buffers that hold the most of it.
     pub(super) fn refusal(&self, name: &str, bytes: u64, why: &str) -> KernelError {
-        let mut held: Vec<_> = self.allocators.iter().flat_map(|a| a.generate_report().allocations).collect();
+        let mut held = self.allocator.generate_report().allocations;
         held.sort_by_key(|a| std::cmp::Reverse(a.size));
         let most = held.iter().take(NAMED_IN_ERRORS).map(|a| format!("`{}` {}", a.name, a.size));
         let most = most.collect::<Vec<_>>().join(", ");
@@ -206,9 +204,9 @@ impl Memory {
         KernelError::Allocation { name: name.to_owned(), bytes, reason }
     }
 
-    pub(super) fn free(&mut self, allocation: Allocation, purpose: Purpose) {
+    pub(super) fn free(&mut self, allocation: Allocation) {
         self.used.live_bytes -= allocation.size();
-        if let Err(e) = self.allocators[purpose.arena() as usize].free(allocation) {
+        if let Err(e) = self.allocator.free(allocation) {
             tracing::error!("freeing device memory: {e}");
         }
         self.used.reserved_bytes = self.reserved();

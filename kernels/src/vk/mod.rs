@@ -18,7 +18,7 @@ pub(crate) use cooperation::TILE as COOP_TILE;
 pub use debug::take_validation_errors;
 pub use device::{Device, DeviceInfo, DeviceKind, DeviceOptions, HostAccess, MemoryUse};
 pub use family::{FamilySelect, KernelFamily};
-pub use memory::{Arena, work_memory};
+pub use memory::work_memory;
 pub use pipeline::{BindingDef, BindingKind, KernelDef};
 pub use recorder::{Bindings, Bound, Grid, PassTime, Recorder, Timings, last_finished};
 pub use select::DeviceSelect;

@@ -6,7 +6,6 @@ use glam::Mat4;
 use guard4d_kernels::image::quantize;
 use guard4d_kernels::image::resize;
 use guard4d_kernels::loss::ssim::{self, SsimReference, SsimScratch};
-use guard4d_kernels::vk::Arena;
 use guard4d_kernels::{Buffer, Device};
 use rand_chacha::ChaCha20Rng;
 
@@ -106,18 +105,22 @@ pub(super) struct ClipBuilder {
 
 impl ClipBuilder {
     pub(super) fn new(device: &Device, model: &Model, config: &EmbedConfig) -> Result<Self, EngineError> {
-        let device = device.with_arena(Arena::Clips);
-        let field = DeformField::new(&device, &model.gaussians, model.deformation.as_ref())?;
+        let field = DeformField::new(device, &model.gaussians, model.deformation.as_ref())?;
         let similarity = match config.uses_ssim() {
-            true => Some(SsimScratch::new(&device, config.frame_size(), 1)?),
+            true => Some(SsimScratch::new(device, config.frame_size(), 1)?),
             false => None,
         };
-        Ok(Self { device, field: field.with_cached_times(CLIP_FRAMES), similarity })
+        Ok(Self { device: device.clone(), field: field.with_cached_times(CLIP_FRAMES), similarity })
     }
 
     /// Gives back the memory of what clips with the same times have in common.
     pub(super) fn forget_times(&mut self) {
         self.field.forget_times();
+    }
+
+    /// Works from now on in as little memory as can be; whether that is less than before.
+    pub(super) fn save_memory(&mut self) -> bool {
+        self.field.limit_cached_times(1)
     }
 
     /// Plans and renders one clip, for steps to be taken on or, without its moments, for measuring. Works in buffers of

@@ -34,7 +34,7 @@ use crate::watermark::extractor::{ExtractorWeights, FeatureExtractor, Training};
 use crate::watermark::key::Key;
 use crate::watermark::message::Message;
 use crate::watermark::prf::{Purpose as Stream, uniform_below, uniform_unit};
-use pool::ClipPool;
+use pool::{ClipPool, is_over_budget};
 use step::{Critic, Rates, Stage};
 
 /// Weight of the newest step in the running mean of the squared error.
@@ -55,6 +55,8 @@ pub struct Embedded {
     pub steps: usize,
     /// Clips made; more than there are if the memory budget did not hold them all.
     pub clips_made: usize,
+    /// Whether the backward pass computed activations again because the memory budget did not hold them.
+    pub recomputed: bool,
     /// Running mean of the squared error of training frames.
     pub mse: f32,
 }
@@ -143,7 +145,7 @@ impl<'a> Embedding<'a> {
         start: Start<'_>,
         mut clips: ClipPool,
     ) -> Result<Self, EngineError> {
-        let Subject { device, clip, key, model, message } = subject;
+        let Subject { device, clip, key, model, .. } = subject;
         let mut seconds = BTreeMap::new();
         let started = Instant::now();
         let side = clip.config().vision_config.image_size;
@@ -161,15 +163,7 @@ impl<'a> Embedding<'a> {
             Start::Frozen(given) => (given.clone(), 1, Some(given.digest(key)?)),
         };
         check_mode(&config, &weights)?;
-        let critic = clips.with_room(|| {
-            let tmsd = weights.tmsd.as_ref();
-            let mut features = FeatureExtractor::new(device, clip, tmsd, branches, Purpose::InputGradient)?;
-            if config.control_every > 1 {
-                features.make_room_for_one(device)?;
-            }
-            let decoder = Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;
-            Critic::new(device, features, decoder, message, &config)
-        })?;
+        let critic = critic(&subject, &config, (&weights, branches), &mut clips)?;
         seconds.insert("fit".to_owned(), started.elapsed().as_secs_f64());
         seconds.insert("train".to_owned(), 0.0);
         Ok(Self {
@@ -212,7 +206,8 @@ impl<'a> Embedding<'a> {
         let config = &self.config;
         let mut rng = self.subject.key.prf().stream(Stream::Embedding, stream_index(config.seed, self.step));
         let training = u32::try_from(self.clips.training().len()).unwrap_or(u32::MAX);
-        let clip = self.clips.get(uniform_below(&mut rng, training) as usize, &mut self.stage)?;
+        let index = uniform_below(&mut rng, training) as usize;
+        let clip = self.critic.clip(&mut self.clips, &mut self.stage, index)?;
         let (low, high) = config.noise_sigma;
         let sigma = low * (high / low).powf(unit(&mut rng));
         let rates = Rates {
@@ -292,6 +287,7 @@ impl<'a> Embedding<'a> {
             Training::Tmsd => critic.features.tmsd().map(|tmsd| tmsd.weights()).transpose()?,
             Training::Frozen => None,
         };
+        let recomputed = critic.features.recomputes();
         // Its memory is more than what follows takes.
         drop(critic);
         if trained.is_some() {
@@ -308,9 +304,35 @@ impl<'a> Embedding<'a> {
             device_seconds: self.device_seconds,
             steps: self.step,
             clips_made: clips.made(),
+            recomputed,
             mse: self.mean_mse.unwrap_or(0.0),
         })
     }
+}
+
+/// The extractor ready for training. Activations that the backward pass can compute again are kept where the memory budget
+/// has room for them beside one clip.
+fn critic(
+    subject: &Subject<'_>,
+    config: &EmbedConfig,
+    (weights, branches): (&ExtractorWeights, usize),
+    clips: &mut ClipPool,
+) -> Result<Critic, EngineError> {
+    let Subject { device, clip, key, message, .. } = *subject;
+    let make = |purpose| {
+        let mut features = FeatureExtractor::new(device, clip, weights.tmsd.as_ref(), branches, purpose)?;
+        if config.control_every > 1 {
+            features.make_room_for_one(device)?;
+        }
+        let decoder = Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;
+        Critic::new(device, features, decoder, message, config)
+    };
+    let kept = clips.with_room_beside_one(|| make(Purpose::InputGradient));
+    if !is_over_budget(&kept) {
+        return kept;
+    }
+    tracing::debug!("activations are computed again on the way back");
+    clips.with_room(|| make(Purpose::LeanInputGradient))
 }
 
 /// Refuses an extractor of another mode than the settings ask for.

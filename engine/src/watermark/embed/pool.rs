@@ -39,17 +39,26 @@ impl Kept {
         Some(self.0.remove(at).1)
     }
 
-    /// Does `work`; as long as it breaks the memory budget, a clip goes and it is tried again.
-    fn with_room<T>(&mut self, mut work: impl FnMut() -> Result<T, EngineError>) -> Result<T, EngineError> {
+    /// Does `work`; as long as it breaks the memory budget and more than `least` clips are there, one goes and it is
+    /// tried again.
+    fn with_room<T>(
+        &mut self,
+        least: usize,
+        mut work: impl FnMut() -> Result<T, EngineError>,
+    ) -> Result<T, EngineError> {
         loop {
-            match work() {
-                Err(EngineError::Kernel(KernelError::OverBudget { .. })) if !self.0.is_empty() => {
-                    self.0.remove(0);
-                }
-                done => return done,
+            let done = work();
+            if self.0.len() <= least || !is_over_budget(&done) {
+                return done;
             }
+            self.0.remove(0);
         }
     }
+}
+
+/// Whether something failed for want of room in the memory budget.
+pub(super) fn is_over_budget<T>(done: &Result<T, EngineError>) -> bool {
+    matches!(done, Err(EngineError::Kernel(KernelError::OverBudget { .. })))
 }
 
 impl ClipPool {
@@ -116,18 +125,34 @@ impl ClipPool {
             Some(clip) => clip,
             None => {
                 let Self { shots, num_training, builder, kept, .. } = self;
-                let built = kept.with_room(|| builder.build(&shots[index], stage, index < *num_training))?;
+                let (shots, is_trained_on) = (&shots[index], index < *num_training);
+                let mut build =
+                    |builder: &mut ClipBuilder| kept.with_room(0, || builder.build(shots, stage, is_trained_on));
+                let mut built = build(builder);
+                if is_over_budget(&built) && builder.save_memory() {
+                    built = build(builder);
+                }
                 self.made += 1;
-                Arc::new(built)
+                Arc::new(built?)
             }
         };
         self.kept.0.push((index, Arc::clone(&clip)));
         Ok(clip)
     }
 
-    /// Does work that takes memory to stay; clips make room for it.
+    /// Does work that takes memory to stay; clips make room for it, and what they have in common.
     pub(super) fn with_room<T>(&mut self, work: impl FnMut() -> Result<T, EngineError>) -> Result<T, EngineError> {
-        self.kept.with_room(work)
+        self.builder.forget_times();
+        self.kept.with_room(0, work)
+    }
+
+    /// The same, but one clip stays: without it no step can be taken.
+    pub(super) fn with_room_beside_one<T>(
+        &mut self,
+        work: impl FnMut() -> Result<T, EngineError>,
+    ) -> Result<T, EngineError> {
+        self.builder.forget_times();
+        self.kept.with_room(1, work)
     }
 
     /// Numbers of the clips that steps are taken on.

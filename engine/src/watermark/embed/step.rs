@@ -1,5 +1,7 @@
 //! One training step: render, lose, go back, update. No I/O, no allocation.
 
+use std::sync::Arc;
+
 use guard4d_kernels::image::noise::{self, Noise};
 use guard4d_kernels::image::quantize;
 use guard4d_kernels::image::resize::{self, ImageSize, Onward, ResizePlan};
@@ -18,7 +20,7 @@ use super::clips::TrainingClip;
 use super::config::{ControlTurn, EmbedConfig};
 use super::copies::Copies;
 use super::perception::Perception;
-use super::pool::ClipPool;
+use super::pool::{ClipPool, is_over_budget};
 use crate::distortion::Drawn;
 use crate::error::EngineError;
 use crate::render::{OffsetBases, Offsets, Renderer};
@@ -270,6 +272,22 @@ impl Critic {
         usize::from(self.training() == Training::Tmsd && rates.control == ControlTurn::Skipped)
     }
 
+    /// A clip for a step. Where the budget has room for none beside the activations, those make room that the backward
+    /// pass can compute again.
+    pub(super) fn clip(
+        &mut self,
+        pool: &mut ClipPool,
+        stage: &mut Stage,
+        index: usize,
+    ) -> Result<Arc<TrainingClip>, EngineError> {
+        let clip = pool.get(index, stage);
+        if is_over_budget(&clip) && self.features.forget_activations() {
+            tracing::debug!("activations are computed again from now on");
+            return pool.get(index, stage);
+        }
+        clip
+    }
+
     /// One step on `clip`. Returns what it saw before the update, and the device time of every pass.
     pub(super) fn step(
         &mut self,
@@ -486,7 +504,7 @@ impl Critic {
         let (mut squares, mut marked, mut unmarked) = (0.0, Vec::new(), Vec::new());
         let clips = pool.held_out();
         for index in clips.clone() {
-            let clip = pool.get(index, stage)?;
+            let clip = self.clip(pool, stage, index)?;
             let mut rec = device.recorder()?;
             stage.render(&mut rec, &clip)?;
             self.fidelity(&mut rec, stage, &clip, config)?;
