@@ -2,10 +2,13 @@
 
 use guard4d_kernels::Buffer;
 use guard4d_kernels::image::crop::{self, Cells, Crop, Window};
+use guard4d_kernels::image::jpeg::{self, JpegQuality};
 use guard4d_kernels::image::noise::{self, Noise};
 use guard4d_kernels::image::normalize::{self, Normalization};
 use guard4d_kernels::image::resize::{self, ImageSize, Onward, ResizePlan};
-use guard4d_kernels::image::{colour_map, quantize};
+use guard4d_kernels::image::warp::{self, Sampling, Warp};
+use guard4d_kernels::image::{chroma420, colour_map, quantize};
+use guard4d_kernels::shape::ClipShape;
 
 use crate::Outcome;
 use crate::harness::{Bench, Work};
@@ -23,7 +26,8 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
     resize_clip(bench, &mut clips)?;
     map_pixels(bench, &mut clips)?;
     cut_out(bench, &mut clips)?;
-    disturb_pixels(bench, &mut clips)
+    disturb_pixels(bench, &mut clips)?;
+    distort(bench, &mut clips)
 }
 
 /// Clips `[F,H,W,4]` of full size.
@@ -95,4 +99,20 @@ fn disturb_pixels(bench: &mut Bench, clips: &mut Clips) -> Outcome {
     let noise = Noise { sigma: 0.02, seed: 1, stream: 0 };
     bench.passes(&format!("image/noise forward {label}"), two(), |rec| noise::forward(rec, &noise, x, out))?;
     bench.passes(&format!("image/noise backward {label}"), three(), |rec| noise::backward(rec, &noise, x, v_y, out))
+}
+
+fn distort(bench: &mut Bench, clips: &mut Clips) -> Outcome {
+    let Clips { x, v_y, out } = clips;
+    let label = format!("{FRAMES}x{SIDE}x{SIDE}");
+    let clip = ClipShape { frames: FRAMES, height: SIDE, width: SIDE };
+    let turn = Warp::rotation(clip, 15.0, Sampling::Bilinear, [0.0; 3]);
+    bench.passes(&format!("image/warp forward {label}, 15 degrees"), two(), |rec| {
+        warp::forward(rec, clip, &turn, x, out)
+    })?;
+    bench.passes(&format!("image/warp backward {label}, 15 degrees"), two(), |rec| {
+        warp::backward(rec, clip, &turn, v_y, out)
+    })?;
+    let quality = JpegQuality::new(&bench.device, 50)?;
+    bench.passes(&format!("image/jpeg forward {label}"), two(), |rec| jpeg::forward(rec, clip, &quality, x, out))?;
+    bench.passes(&format!("image/chroma420 {label}"), two(), |rec| chroma420::forward(rec, clip, x, out))
 }

@@ -89,9 +89,20 @@ fn rearrange(bench: &mut Bench) -> Outcome {
     Ok(())
 }
 
+/// Floats, and 16-bit floats where the device multiplies matrices of them, each with the end of a row's name.
+fn precisions(bench: &Bench) -> Vec<(Precision, &'static str)> {
+    let half = bench.device.info().cooperation.map(|_| (Precision::Half, ", f16"));
+    std::iter::once((Precision::F32, "")).chain(half).collect()
+}
+
 fn attend(bench: &mut Bench) -> Outcome {
+    precisions(bench).into_iter().try_for_each(|precision| attend_in(bench, precision))
+}
+
+fn attend_in(bench: &mut Bench, (precision, kept): (Precision, &str)) -> Outcome {
     // The image tower of the mini CLIP on three clips of eight frames.
-    let shape = AttentionShape { batch: 24, heads: 2, head_dim: 64, queries: 65, keys: 65, mask: Mask::Full };
+    let mask = Mask::Full;
+    let shape = AttentionShape { batch: 24, heads: 2, head_dim: 64, queries: 65, keys: 65, mask, precision };
     let (tokens, width) = (shape.batch * shape.keys, shape.width());
     let qkv = bench.data("qkv", 3 * tokens * width)?;
     let v_attn = bench.data("v_attn", tokens * width)?;
@@ -99,7 +110,7 @@ fn attend(bench: &mut Bench) -> Outcome {
     let mut grads = bench.device.buffer("grads", 3 * tokens * width)?;
     let mut state = AttentionState::new(&bench.device, "attention", &shape)?;
     let pairs = (tokens * shape.keys * width) as f64;
-    let label = format!("{}x{} heads, {} tokens of {}", shape.batch, shape.heads, shape.keys, shape.head_dim);
+    let label = format!("{}x{} heads, {} tokens of {}{kept}", shape.batch, shape.heads, shape.keys, shape.head_dim);
     bench.passes(&format!("nn/attention forward {label}"), Work::Flops(4.0 * pairs, "4·b·h·t²·d"), |rec| {
         attention::forward(rec, &shape, Projections::Fused(&qkv), &mut state, &mut attn)
     })?;
@@ -186,7 +197,7 @@ fn tokens(bench: &mut Bench) -> Outcome {
 }
 
 /// A layer of R on clips of this side.
-fn layer(side: usize, in_channels: usize, out_channels: usize) -> Conv3d {
+fn layer(side: usize, in_channels: usize, out_channels: usize, precision: Precision) -> Conv3d {
     Conv3d {
         shape: ClipShape { frames: 8, height: side, width: side },
         in_channels,
@@ -195,24 +206,28 @@ fn layer(side: usize, in_channels: usize, out_channels: usize) -> Conv3d {
         space: Padding::Reflect,
         bias: Bias::None,
         activation: Activation::Relu,
-        precision: Precision::F32,
+        precision,
     }
 }
 
 /// The layers of R at the size of CLIP's input, and the gradients of one at the size of the mini CLIP's.
 fn convolve(bench: &mut Bench) -> Outcome {
+    precisions(bench).into_iter().try_for_each(|precision| convolve_in(bench, precision))
+}
+
+fn convolve_in(bench: &mut Bench, (precision, kept): (Precision, &str)) -> Outcome {
     for (given, outputs) in [(16, 16), (3, 16), (16, 3)] {
         // Three channels are stored as four; what the fourth costs is no useful work.
-        let conv = layer(224, usize::next_multiple_of(given, 4), usize::next_multiple_of(outputs, 4));
+        let conv = layer(224, usize::next_multiple_of(given, 4), usize::next_multiple_of(outputs, 4), precision);
         let pixels = conv.shape.pixels();
         let (x, weight) = (bench.data("x", pixels * conv.in_channels)?, bench.data("weight", conv.weight_len())?);
         let mut y = bench.device.buffer("y", pixels * conv.out_channels)?;
         let work = Work::Flops((2 * TAPS * pixels * given * outputs) as f64, "2·27·F·H·W·Ci·Co");
-        bench.passes(&format!("nn/conv3d forward {given}->{outputs}, 8x224x224"), work, |rec| {
+        bench.passes(&format!("nn/conv3d forward {given}->{outputs}, 8x224x224{kept}"), work, |rec| {
             conv3d::forward(rec, &conv, &x, &weight, &mut y)
         })?;
     }
-    let conv = layer(64, 16, 16);
+    let conv = layer(64, 16, 16, precision);
     let pixels = conv.shape.pixels();
     let x = bench.data("x", pixels * conv.in_channels)?;
     let v_y = bench.data("v_y", pixels * conv.out_channels)?;
@@ -222,13 +237,16 @@ fn convolve(bench: &mut Bench) -> Outcome {
     let mut v_weight = bench.device.buffer("v_weight", weight.len())?;
     let mut scratch = Conv3dScratch::new(&bench.device, &conv)?;
     let work = Work::Flops((2 * TAPS * pixels * conv.in_channels * conv.out_channels) as f64, "2·27·F·H·W·Ci·Co");
-    let label = "16->16, 8x64x64";
+    let label = format!("16->16, 8x64x64{kept}");
     bench
         .passes(&format!("nn/conv3d forward {label}"), work, |rec| conv3d::forward(rec, &conv, &x, &weight, &mut y))?;
     bench.passes(&format!("nn/conv3d backward to input {label}"), work, |rec| {
         let gradient = InputGradient { v_y: &v_y, weight: &weight, gate: Some(&x) };
         conv3d::backward_input(rec, &conv, gradient, &mut v_x, &mut scratch)
     })?;
+    if precision == Precision::Half {
+        return Ok(()); // The gradient to the weights is in floats.
+    }
     bench.passes(&format!("nn/conv3d backward to weight {label}"), work, |rec| {
         let accumulate = Accumulate::Overwrite;
         let gradient = WeightGradient { x: &x, v_y: &v_y, v_weight: &mut v_weight, accumulate };

@@ -4,6 +4,7 @@
 // In `weights` a vec4 spans the four columns of an invocation, so column c + 8u is component u of texel c.
 // Products: invocation i holds rows 4*(i/16).. at texel i%16 of every slice.
 // Includers define HEAD_DIM and SEEN(row, column): whether the mask shows the pair, for positions in the tile.
+#include "lib/softmax.glsl"
 const int TILE = 32;
 const int TEXELS = HEAD_DIM / 4;
 const int CHUNK = 4;
@@ -14,19 +15,8 @@ const int WEIGHT_STRIDE = TILE / 4 + 1;
 const int SLICE = 16;
 const int SLICES = (TEXELS + SLICE - 1) / SLICE;
 const int SUMS = 4 * SLICES;
-const float LOG2_E = 1.44269504;
-const float MASKED = -1.0e30;
 shared vec4 pool[OPERANDS * CHUNK_SIZE > TILE * SLICE ? OPERANDS * CHUNK_SIZE : TILE * SLICE];
 shared vec4 weights[TILE * WEIGHT_STRIDE];
-
-// exp2 that hands on a NaN, which drivers may lose.
-float exp2_or_nan(float x) {
-    return isnan(x) ? x : exp2(x);
-}
-
-vec4 exp2_or_nan(vec4 x) {
-    return mix(exp2(x), x, isnan(x));
-}
 
 // Rows first.. of an operand at texels of one chunk, one texel per invocation; rows from `end` on are zero.
 #define LOAD_CHUNK(operand, source, base, stride, first, end, chunk)                                      \

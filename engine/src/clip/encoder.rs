@@ -8,6 +8,7 @@ use guard4d_kernels::nn::attention::{
 };
 use guard4d_kernels::nn::layer_norm::{self, LayerNorm, Rows};
 use guard4d_kernels::nn::matmul::Epilogue;
+use guard4d_kernels::nn::pack::Precision;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
 
 use super::config::Sizes;
@@ -41,6 +42,7 @@ pub(super) struct Encoder {
     last: LastLayer,
     sizes: Sizes,
     purpose: Purpose,
+    precision: Precision,
 }
 
 /// Sequences of a batch and the token that is read from each.
@@ -85,7 +87,7 @@ impl Encoder {
             out: loader.linear(&prefix, &[out], sizes.width)?,
             mlp: mlp(&prefix)?,
         };
-        Ok(Self { layers, last, sizes, purpose: loader.purpose })
+        Ok(Self { layers, last, sizes, purpose: loader.purpose, precision: loader.precision })
     }
 
     /// From `state.x` (first entry) to `state.y`, the picked tokens of the last layer.
@@ -229,7 +231,8 @@ impl EncoderState {
     }
 }
 
-fn attention_shape(sizes: &Sizes, batch: Batch) -> AttentionShape {
+fn attention_shape(encoder: &Encoder, batch: Batch) -> AttentionShape {
+    let sizes = &encoder.sizes;
     AttentionShape {
         batch: batch.sequences,
         heads: sizes.heads,
@@ -237,13 +240,14 @@ fn attention_shape(sizes: &Sizes, batch: Batch) -> AttentionShape {
         queries: batch.tokens,
         keys: batch.tokens,
         mask: batch.mask,
+        precision: encoder.precision,
     }
 }
 
 impl FullState {
     fn new(device: &Device, name: &str, encoder: &Encoder, batch: Batch) -> Result<Self, KernelError> {
         let sizes = &encoder.sizes;
-        let shape = attention_shape(sizes, batch);
+        let shape = attention_shape(encoder, batch);
         let wide = batch.rows() * sizes.width;
         Ok(Self {
             shape,
@@ -259,7 +263,7 @@ impl LastState {
     fn new(device: &Device, name: &str, encoder: &Encoder, batch: Batch) -> Result<Self, KernelError> {
         let sizes = &encoder.sizes;
         // The causal mask lets the last token see every key, which is what one query at the end of the keys sees.
-        let shape = AttentionShape { queries: 1, mask: Mask::Full, ..attention_shape(sizes, batch) };
+        let shape = AttentionShape { queries: 1, mask: Mask::Full, ..attention_shape(encoder, batch) };
         let narrow = batch.sequences * sizes.width;
         Ok(Self {
             batch,

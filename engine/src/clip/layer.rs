@@ -35,7 +35,7 @@ pub(super) struct Loader<'a> {
     pub(super) device: &'a Device,
     pub(super) weights: &'a Weights,
     pub(super) purpose: Purpose,
-    /// Of the matrices; norms and biases are floats.
+    /// Of the matrices and of the attention between them; norms and biases are floats.
     pub(super) precision: Precision,
 }
 

@@ -92,8 +92,8 @@ impl Clip {
         Ok(Self { device: device.clone(), config, weights, hash: hasher.finalize(), precision: Precision::F32 })
     }
 
-    /// The same checkpoint with the image tower's matrices kept in this precision. The text tower always has floats, so
-    /// that keys and token tables do not depend on it.
+    /// The same checkpoint with the image tower's matrices kept in this precision, and with [`Precision::Half`] its attention
+    /// computed in it. The text tower always has floats, so that keys and token tables do not depend on it.
     #[must_use]
     pub fn in_precision(self, precision: Precision) -> Self {
         Self { precision, ..self }

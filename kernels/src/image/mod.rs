@@ -1,11 +1,35 @@
-//! Operations on clips `[F, H, W, 4]`: resizing, normalisation, noise, quantisation.
+//! Operations on clips `[F, H, W, 4]`: resizing, warps, colours, and what copies do to them: noise, quantisation, JPEG.
 
+pub mod chroma420;
 pub mod colour_map;
 pub mod crop;
+pub mod jpeg;
 pub mod noise;
 pub mod normalize;
 pub mod quantize;
 pub mod resize;
+pub mod warp;
+
+use crate::shape::{ClipShape, dim, expect_len};
+use crate::{Buffer, Grid, KernelError};
 
 /// Floats of a pixel.
 pub const CHANNELS: usize = 4;
+
+/// Planes along one grid axis; every device allows 65,535.
+const PLANES_PER_AXIS: usize = 32_768;
+
+/// Groups of `local` invocations for `items` of each plane along x, planes along y and, where they are many, z.
+fn frames_grid(items: usize, planes: usize, local: u32) -> Grid {
+    let groups = items.div_ceil(local as usize);
+    Grid::Groups([groups, planes.min(PLANES_PER_AXIS), planes.div_ceil(PLANES_PER_AXIS)].map(dim))
+}
+
+/// Refuses buffers that are not clips `[F,H,W,4]`.
+fn expect_frames(
+    kernel: &'static str,
+    clip: ClipShape,
+    buffers: [(&'static str, &Buffer<f32>); 2],
+) -> Result<(), KernelError> {
+    buffers.into_iter().try_for_each(|(name, buffer)| expect_len(kernel, name, buffer, clip.pixels() * CHANNELS))
+}

@@ -1,13 +1,11 @@
 //! Antialiased bilinear resize of clips, and its adjoint.
 
-use crate::image::CHANNELS;
+use super::{CHANNELS, frames_grid};
 use crate::registry::image::resize_apply;
 use crate::shape::{dim_signed, expect_len};
-use crate::{Buffer, Device, Grid, KernelError, Recorder};
+use crate::{Buffer, Device, KernelError, Recorder};
 
 const KERNEL: &str = "image/resize";
-/// Planes along one grid axis; every device allows 65,535.
-const PLANES_PER_AXIS: usize = 32_768;
 
 /// Height and width in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -97,15 +95,27 @@ struct Axis {
 
 impl Axis {
     fn new(device: &Device, from: usize, to: usize) -> Result<Self, KernelError> {
-        let windows = windows(from, to);
+        Self::of(device, from, &windows(from, to))
+    }
+
+    fn of(device: &Device, from: usize, windows: &[Window]) -> Result<Self, KernelError> {
         Ok(Self {
-            forward: Table::new(device, "resize.forward", &windows)?,
-            backward: Table::new(device, "resize.backward", &transposed(&windows, from))?,
+            forward: Table::new(device, "resize.forward", windows)?,
+            backward: Table::new(device, "resize.backward", &transposed(windows, from))?,
         })
     }
 }
 
-/// A resize from one size to another.
+/// A Gaussian, cut off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Blur {
+    /// Standard deviation in pixels.
+    pub sigma: f64,
+    /// Taps on each side of the middle one.
+    pub radius: usize,
+}
+
+/// A resize from one size to another, or a blur: a matrix along each axis that is zero far from its diagonal.
 #[derive(Debug)]
 pub struct ResizePlan {
     /// Input size.
@@ -116,7 +126,44 @@ pub struct ResizePlan {
     horizontal: Axis,
 }
 
+/// A Gaussian of `radius` taps on each side, normalised; beyond the border the picture is mirrored about its last pixel.
+fn gaussian(n: usize, sigma: f64, radius: usize) -> Vec<Window> {
+    let weight = |d: usize| (-0.5 * (d as f64 / sigma).powi(2)).exp();
+    let total = weight(0) + 2.0 * (1..=radius).map(weight).sum::<f64>();
+    // Mirrored as often as it takes; a period is there and back.
+    let period = (2 * n).saturating_sub(2).max(1);
+    let mirrored = |i: usize| {
+        let i = i % period;
+        if i < n { i } else { period - i }
+    };
+    (0..n)
+        .map(|i| {
+            let (first, last) = (i.saturating_sub(radius), (i + radius).min(n - 1));
+            let mut weights = vec![0.0; last - first + 1];
+            for k in 0..=2 * radius {
+                let source = mirrored(i + k + period * radius.div_ceil(period) - radius);
+                weights[source - first] += weight(k.abs_diff(radius)) / total;
+            }
+            Window { first, weights }
+        })
+        .collect()
+}
+
 impl ResizePlan {
+    /// A Gaussian blur at the same size.
+    ///
+    /// # Errors
+    /// [`KernelError::Shape`] for an empty image or a blur that is no positive number; when memory runs out.
+    pub fn blur(device: &Device, size: ImageSize, blur: Blur) -> Result<Self, KernelError> {
+        if size.height == 0 || size.width == 0 || !(blur.sigma.is_finite() && blur.sigma > 0.0) {
+            let got = format!("{blur:?} of {} x {}", size.height, size.width);
+            let expected = "a pixel, and a positive sigma".to_owned();
+            return Err(KernelError::Shape { kernel: KERNEL, buffer: "blur", got, expected });
+        }
+        let axis = |n| Axis::of(device, n, &gaussian(n, blur.sigma, blur.radius));
+        Ok(Self { from: size, to: size, vertical: axis(size.height)?, horizontal: axis(size.width)? })
+    }
+
     /// Computes the weight tables.
     ///
     /// # Errors
@@ -185,15 +232,13 @@ fn apply(
         inner: dim_signed(pass.inner),
         taps4: dim_signed(table.taps4),
     };
-    let columns = (pass.to * pass.inner).div_ceil(resize_apply::KERNEL.local_size[0] as usize);
-    let grid =
-        [columns, pass.planes.min(PLANES_PER_AXIS), pass.planes.div_ceil(PLANES_PER_AXIS)].map(crate::shape::dim);
+    let grid = frames_grid(pass.to * pass.inner, pass.planes, resize_apply::KERNEL.local_size[0]);
     let Onward { plus, clamped } = pass.onward;
     let spec = resize_apply::Spec { add: u32::from(plus.is_some()), gate: u32::from(clamped.is_some()) };
     // What is not there is not read.
     let (plus, clamped) = (plus.unwrap_or(x), clamped.unwrap_or(x));
     let bind = resize_apply::Bind { x, table: &table.rows, plus, clamped, y };
-    rec.dispatch_spec(bind, params, spec, Grid::Groups(grid))
+    rec.dispatch_spec(bind, params, spec, grid)
 }
 
 /// Resizes a clip, rows first, then columns.

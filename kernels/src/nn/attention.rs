@@ -1,10 +1,12 @@
 //! Multi-head attention without a score matrix in memory.
 
+use super::pack::Precision;
 use super::{as_i32, as_u32, expect_len, expect_multiple, shape_error};
 use crate::registry::nn::{
-    attention_delta, attention_fwd, attention_fwd_tile, attention_vkv, attention_vkv_tile, attention_vq,
-    attention_vq_tile,
+    attention_delta, attention_fwd, attention_fwd_coop, attention_fwd_tile, attention_vkv, attention_vkv_coop,
+    attention_vkv_tile, attention_vq, attention_vq_coop, attention_vq_tile,
 };
+use crate::vk::Cooperation;
 use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder};
 
 const KERNEL: &str = "nn/attention";
@@ -12,6 +14,13 @@ const KERNEL: &str = "nn/attention";
 const LANE_ROWS: usize = 16;
 /// The same of the tile kernels: `TILE` of `glsl/lib/attention_block.glsl`.
 const TILE_ROWS: usize = 32;
+/// The same of the kernels over cooperative matrices, of keys or queries at a time too: `TILE` of
+/// `glsl/lib/attention_coop.glsl`.
+const COOP_ROWS: u32 = 32;
+/// Largest head of these: `MAX_DIM` there.
+const COOP_HEAD_DIM: usize = 64;
+/// Heads are padded to a multiple of this there.
+const COOP_PART: u32 = 16;
 
 /// Which keys a query sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +46,10 @@ pub struct AttentionShape {
     pub keys: usize,
     /// Which keys a query sees.
     pub mask: Mask,
+    /// With [`Precision::Half`] the products come from cooperative matrices: their factors, so also probabilities and their
+    /// gradients, are rounded to 16-bit floats, gradients with a scale that they have in common, while sums and statistics
+    /// are 32-bit floats. A causal mask, a head of more than 64 elements, and anything but `Half` is 32-bit floats throughout.
+    pub precision: Precision,
 }
 
 impl AttentionShape {
@@ -44,6 +57,22 @@ impl AttentionShape {
     #[must_use]
     pub fn width(&self) -> usize {
         self.heads * self.head_dim
+    }
+
+    /// The device's cooperative matrices where this layer takes them: by its precision, where the kernels have its mask and
+    /// head, and where the device's subgroups can share a workgroup's tile.
+    fn cooperation(&self, rec: &Recorder) -> Result<Option<Cooperation>, KernelError> {
+        if self.precision != Precision::Half {
+            return Ok(None);
+        }
+        let matrices = rec.cooperation()?;
+        let Cooperation { m, n, k, subgroups, .. } = matrices;
+        let shared = COOP_ROWS.is_multiple_of(m)
+            && COOP_PART.is_multiple_of(n)
+            && COOP_PART.is_multiple_of(k)
+            && (COOP_ROWS * COOP_ROWS).is_multiple_of(m * n * subgroups);
+        let suits = self.mask == Mask::Full && self.head_dim <= COOP_HEAD_DIM;
+        Ok((shared && suits).then_some(matrices))
     }
 
     fn spec_causal(&self) -> u32 {
@@ -152,11 +181,40 @@ impl<'a> Layout<'a> {
     }
 }
 
-/// The three kernels over tiles share their constants; only the module that the types come from differs.
-macro_rules! tile_constants {
-    ($module:ident, $shape:expr, $layout:expr) => {{
+/// Which program of a kernel runs.
+#[derive(Clone, Copy)]
+enum Program {
+    Lanes,
+    Tiles,
+    Coop(Cooperation),
+}
+
+impl Program {
+    fn of(rec: &Recorder, shape: &AttentionShape) -> Result<Self, KernelError> {
+        Ok(match (shape.cooperation(rec)?, rec.family()) {
+            (Some(matrices), _) => Self::Coop(matrices),
+            (None, KernelFamily::Lanes) => Self::Lanes,
+            (None, KernelFamily::Tiles) => Self::Tiles,
+        })
+    }
+
+    /// Workgroups for these many queries or keys.
+    fn grid(self, shape: &AttentionShape, rows: usize) -> Grid {
+        let groups = match self {
+            Self::Lanes => as_u32(rows.div_ceil(LANE_ROWS)),
+            Self::Tiles => as_u32(rows.div_ceil(TILE_ROWS)),
+            Self::Coop(_) => as_u32(rows).div_ceil(COOP_ROWS),
+        };
+        Grid::groups(groups, as_u32(shape.heads), as_u32(shape.batch))
+    }
+}
+
+/// The programs of all three kernels share their sizes; only the module that the types come from differs, and what else the
+/// constants are.
+macro_rules! constants {
+    ($module:ident, $shape:expr, $layout:expr, { $($size:ident: $value:expr),* }) => {{
         let (shape, layout): (&AttentionShape, &Layout) = ($shape, $layout);
-        let spec = $module::Spec { head_dim: as_i32(shape.head_dim), causal: shape.spec_causal() };
+        let spec = $module::Spec { head_dim: as_i32(shape.head_dim), $($size: $value),* };
         let params = $module::Params {
             queries: as_i32(shape.queries),
             keys: as_i32(shape.keys),
@@ -170,18 +228,25 @@ macro_rules! tile_constants {
     }};
 }
 
+/// As [`constants`] for a program of a kernel family.
+macro_rules! family_constants {
+    ($module:ident, $shape:expr, $layout:expr) => {
+        constants!($module, $shape, $layout, { causal: $shape.spec_causal() })
+    };
+}
+
+/// As [`constants`] for a program over cooperative matrices.
+macro_rules! coop_constants {
+    ($module:ident, $shape:expr, $layout:expr, $matrices:expr) => {{
+        let Cooperation { m, n, k, subgroups, .. } = $matrices;
+        constants!($module, $shape, $layout, { tm: m, tn: n, tk: k, subgroups: subgroups })
+    }};
+}
+
 /// 1/√head_dim.
 #[allow(clippy::cast_precision_loss, reason = "head sizes are far below 2^24")]
 fn head_scale(head_dim: usize) -> f32 {
     1.0 / (head_dim as f32).sqrt()
-}
-
-fn grid(family: KernelFamily, shape: &AttentionShape, rows: usize) -> Grid {
-    let tile = match family {
-        KernelFamily::Lanes => LANE_ROWS,
-        KernelFamily::Tiles => TILE_ROWS,
-    };
-    Grid::groups(as_u32(rows.div_ceil(tile)), as_u32(shape.heads), as_u32(shape.batch))
 }
 
 /// `attn = softmax(Q Kᵀ / √head_dim) V` per head.
@@ -192,10 +257,11 @@ fn grid(family: KernelFamily, shape: &AttentionShape, rows: usize) -> Grid {
 /// # Determinism: bitwise; no atomics
 /// # Cost
 /// 4·batch·queries·keys·width operations; a tile of r queries reads all keys and values, so 8·batch·keys·width·queries/r
-/// bytes of memory or cache, r = 16 for lanes and 32 for tiles.
+/// bytes of memory or cache, r = 16 for lanes and 32 for tiles and cooperative matrices.
 ///
 /// # Errors
-/// [`KernelError::Shape`] before anything is recorded.
+/// [`KernelError::Shape`] before anything is recorded; [`KernelError::Unsuitable`] for 16-bit floats on a device without
+/// cooperative matrices.
 pub fn forward(
     rec: &mut Recorder,
     shape: &AttentionShape,
@@ -209,16 +275,21 @@ pub fn forward(
     if shape.keys == 0 {
         return Ok(());
     }
-    let grid = grid(rec.family(), shape, shape.queries);
+    let program = Program::of(rec, shape)?;
+    let grid = program.grid(shape, shape.queries);
     let (q, kv, lse) = (layout.q, layout.kv, &mut state.lse);
-    match rec.family() {
-        KernelFamily::Lanes => {
-            let (spec, params) = tile_constants!(attention_fwd, shape, &layout);
+    match program {
+        Program::Lanes => {
+            let (spec, params) = family_constants!(attention_fwd, shape, &layout);
             rec.dispatch_spec(attention_fwd::Bind { q_tex: q, kv_tex: kv, attn, lse }, params, spec, grid)
         }
-        KernelFamily::Tiles => {
-            let (spec, params) = tile_constants!(attention_fwd_tile, shape, &layout);
+        Program::Tiles => {
+            let (spec, params) = family_constants!(attention_fwd_tile, shape, &layout);
             rec.dispatch_spec(attention_fwd_tile::Bind { q, kv, attn, lse }, params, spec, grid)
+        }
+        Program::Coop(matrices) => {
+            let (spec, params) = coop_constants!(attention_fwd_coop, shape, &layout, matrices);
+            rec.dispatch_spec(attention_fwd_coop::Bind { q, kv, attn, lse }, params, spec, grid)
         }
     }
 }
@@ -244,7 +315,7 @@ pub struct Upstream<'a> {
 /// 14·batch·queries·keys·width operations: each of both passes computes the scores again.
 ///
 /// # Errors
-/// [`KernelError::Shape`] before anything is recorded.
+/// As [`forward`].
 pub fn backward(
     rec: &mut Recorder,
     shape: &AttentionShape,
@@ -261,6 +332,7 @@ pub fn backward(
     if shape.keys * shape.queries == 0 {
         return Ok(());
     }
+    shape.cooperation(rec)?;
     delta(rec, shape, upstream, state)?;
     match grads {
         ProjectionGrads::Fused(v_qkv) => {
@@ -304,17 +376,22 @@ fn v_q(
     state: &AttentionState,
     v_q: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
-    let grid = grid(rec.family(), shape, shape.queries);
+    let program = Program::of(rec, shape)?;
+    let grid = program.grid(shape, shape.queries);
     let (q, kv, lse, delta) = (layout.q, layout.kv, &state.lse, &state.delta);
-    match rec.family() {
-        KernelFamily::Lanes => {
-            let (spec, params) = tile_constants!(attention_vq, shape, layout);
+    match program {
+        Program::Lanes => {
+            let (spec, params) = family_constants!(attention_vq, shape, layout);
             let bind = attention_vq::Bind { q_tex: q, kv_tex: kv, v_attn_tex: v_attn, lse, delta, v_q };
             rec.dispatch_spec(bind, params, spec, grid)
         }
-        KernelFamily::Tiles => {
-            let (spec, params) = tile_constants!(attention_vq_tile, shape, layout);
+        Program::Tiles => {
+            let (spec, params) = family_constants!(attention_vq_tile, shape, layout);
             rec.dispatch_spec(attention_vq_tile::Bind { q, kv, v_attn, lse, delta, v_q }, params, spec, grid)
+        }
+        Program::Coop(matrices) => {
+            let (spec, params) = coop_constants!(attention_vq_coop, shape, layout, matrices);
+            rec.dispatch_spec(attention_vq_coop::Bind { q, kv, v_attn, lse, delta, v_q }, params, spec, grid)
         }
     }
 }
@@ -326,17 +403,22 @@ fn v_kv(
     state: &AttentionState,
     v_kv: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
-    let grid = grid(rec.family(), shape, shape.keys);
+    let program = Program::of(rec, shape)?;
+    let grid = program.grid(shape, shape.keys);
     let (q, kv, lse, delta) = (layout.q, layout.kv, &state.lse, &state.delta);
-    match rec.family() {
-        KernelFamily::Lanes => {
-            let (spec, params) = tile_constants!(attention_vkv, shape, layout);
+    match program {
+        Program::Lanes => {
+            let (spec, params) = family_constants!(attention_vkv, shape, layout);
             let bind = attention_vkv::Bind { q_tex: q, kv_tex: kv, v_attn_tex: v_attn, lse, delta, v_kv };
             rec.dispatch_spec(bind, params, spec, grid)
         }
-        KernelFamily::Tiles => {
-            let (spec, params) = tile_constants!(attention_vkv_tile, shape, layout);
+        Program::Tiles => {
+            let (spec, params) = family_constants!(attention_vkv_tile, shape, layout);
             rec.dispatch_spec(attention_vkv_tile::Bind { q, kv, v_attn, lse, delta, v_kv }, params, spec, grid)
+        }
+        Program::Coop(matrices) => {
+            let (spec, params) = coop_constants!(attention_vkv_coop, shape, layout, matrices);
+            rec.dispatch_spec(attention_vkv_coop::Bind { q, kv, v_attn, lse, delta, v_kv }, params, spec, grid)
         }
     }
 }

@@ -1,9 +1,12 @@
+mod chroma420;
 mod colour_map;
 mod crop;
+mod jpeg;
 mod noise;
 mod normalize;
 mod quantize;
 mod resize;
+mod warp;
 
 use guard4d_kernels::{Buffer, KernelError, Recorder};
 

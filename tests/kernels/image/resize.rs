@@ -1,7 +1,7 @@
 //! image/resize: twin against differences and PyTorch, GPU against the twin, adjoint, extremes.
 
 use guard4d_kernels::KernelError;
-use guard4d_kernels::image::resize::{ImageSize, Onward, ResizePlan, backward, forward};
+use guard4d_kernels::image::resize::{Blur, ImageSize, Onward, ResizePlan, backward, forward};
 use guard4d_kernels::reference::image::{gate, resize as twin};
 
 use super::{dot, run, unwritten, upload};
@@ -98,6 +98,45 @@ fn same_size_is_the_identity() {
     let want: Vec<f32> = x.iter().enumerate().map(|(i, v)| if i % 4 < 3 { *v } else { 0.0 }).collect();
     assert_eq!(y, want, "resizing to the same size copies colours");
     assert_eq!(v_x, want, "and so does its adjoint");
+}
+
+#[test]
+fn a_blur_follows_the_twin_keeps_grey_and_is_adjoint() {
+    let Some(gpu) = device() else { return };
+    for ([height, width], blur) in [
+        ([9, 14], Blur { sigma: 0.8, radius: 1 }),
+        ([20, 7], Blur { sigma: 2.0, radius: 6 }),
+        ([1, 3], Blur { sigma: 1.5, radius: 5 }),
+    ] {
+        let shape = [height, width];
+        let plan = ResizePlan::blur(&gpu, size(shape), blur).expect("plan");
+        let mut scratch = plan.scratch(&gpu, 1).expect("scratch");
+        let mut random = Random(width as u64);
+        let n = height * width * 4;
+        let (x, v_y) = (random.vec_f32(n, 0.0, 1.0), random.vec_f32(n, -1.0, 1.0));
+        let [y, v_x, grey] = {
+            let [x, v_y, even] = [&x, &v_y, &vec![0.5; n]].map(|data| upload(&gpu, data));
+            let mut out = [0; 3].map(|_| unwritten(&gpu, n));
+            let [y, v_x, grey] = &mut out;
+            run(&gpu, |rec| {
+                forward(rec, &plan, &x, y, &mut scratch)?;
+                forward(rec, &plan, &even, grey, &mut scratch)?;
+                backward(rec, &plan, &v_y, (v_x, Onward::default()), &mut scratch)
+            });
+            out.map(|buffer| buffer.read().expect("read"))
+        };
+        let axes = shape.map(|n| twin::blur_matrix::<f32>(n, blur.sigma, blur.radius));
+        // Two passes of up to 13 products each.
+        assert_close(&y, &twin::filter(&x, shape, shape, (&axes[0], &axes[1])), 2e-6, 1e-6);
+        assert!(grey.chunks_exact(4).all(|p| p[..3].iter().all(|v| (v - 0.5).abs() < 1e-6)), "{blur:?} keeps grey");
+        let product = |a: &[f32], b: &[f32]| -> f64 {
+            a.iter().zip(b).enumerate().filter(|(i, _)| i % 4 < 3).map(|(_, (a, b))| f64::from(a * b)).sum()
+        };
+        // Sums of a few hundred products of numbers up to 1, each off by 1e-6.
+        assert!((product(&y, &v_y) - product(&x, &v_x)).abs() < 1e-4, "{blur:?}: not adjoint");
+    }
+    let refused = ResizePlan::blur(&gpu, size([4, 4]), Blur { sigma: f64::NAN, radius: 1 });
+    assert!(matches!(refused, Err(KernelError::Shape { buffer: "blur", .. })), "{refused:?}");
 }
 
 #[test]

@@ -1,11 +1,14 @@
 //! Twins of `glsl/image`.
 
+pub mod chroma420;
 pub mod colour_map;
 pub mod crop;
+pub mod jpeg;
 pub mod noise;
 pub mod normalize;
 pub mod quantize;
 pub mod resize;
+pub mod warp;
 
 use crate::reference::Real;
 

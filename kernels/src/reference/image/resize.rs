@@ -24,12 +24,37 @@ pub fn matrix<R: Real>(from: usize, to: usize) -> Vec<R> {
     matrix
 }
 
+/// `[n, n]` matrix of a Gaussian cut off `radius` from its middle; the signal is mirrored about its first and last entry.
+pub fn blur_matrix<R: Real>(n: usize, sigma: f64, radius: usize) -> Vec<R> {
+    let weight = |d: i64| (-(d as f64).powi(2) / (2.0 * sigma * sigma)).exp();
+    #[allow(clippy::cast_possible_wrap, reason = "axes of test pictures")]
+    let (length, radius) = (n as i64, radius as i64);
+    let total: f64 = (-radius..=radius).map(weight).sum();
+    let mut matrix = vec![R::of(0.0); n * n];
+    for i in 0..n {
+        for d in -radius..=radius {
+            #[allow(clippy::cast_possible_wrap, reason = "axes of test pictures")]
+            let mut source = i as i64 + d;
+            while n > 1 && !(0..length).contains(&source) {
+                source = if source < 0 { -source } else { 2 * (length - 1) - source };
+            }
+            let source = usize::try_from(source).unwrap_or(0).min(n - 1);
+            matrix[i * n + source] += R::of(weight(d) / total);
+        }
+    }
+    matrix
+}
+
 /// `y [F,h,w,4]` from `x [F,H,W,4]`; sizes are `[height, width]`.
 pub fn forward<R: Real>(x: &[R], from: [usize; 2], to: [usize; 2]) -> Vec<R> {
-    let (vertical, horizontal) = (matrix::<R>(from[0], to[0]), matrix::<R>(from[1], to[1]));
+    filter(x, from, to, (&matrix::<R>(from[0], to[0]), &matrix::<R>(from[1], to[1])))
+}
+
+/// The same with any `[to, from]` matrix along each axis.
+pub fn filter<R: Real>(x: &[R], from: [usize; 2], to: [usize; 2], (vertical, horizontal): (&[R], &[R])) -> Vec<R> {
     let frames = x.len() / (from[0] * from[1] * 4);
     let mut y = vec![R::of(0.0); frames * to[0] * to[1] * 4];
-    each(frames, from, to, (&vertical, &horizontal), |source, target, weight| {
+    each(frames, from, to, (vertical, horizontal), |source, target, weight| {
         for c in 0..3 {
             y[target * 4 + c] += weight * x[source * 4 + c];
         }
