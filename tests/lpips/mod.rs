@@ -5,7 +5,7 @@ mod reference;
 use std::path::Path;
 
 use guard4d_engine::EngineError;
-use guard4d_engine::lpips::{ImageSize, Lpips, LpipsInput, LpipsNet, LpipsWeights, Pair};
+use guard4d_engine::lpips::{ImageSize, Lpips, LpipsInput, LpipsNet, LpipsPass, LpipsWeights, Pair};
 use guard4d_engine::media::Frame;
 use guard4d_engine::tensor_file::Tensor;
 
@@ -36,7 +36,18 @@ pub(super) fn value_and_gradient(
     (corner, size): ([usize; 2], ImageSize),
 ) -> (f64, Vec<f32>) {
     let frames = image.len() / (full.height * full.width * 4);
-    let mut pass = net.pass(size, frames).expect("room");
+    let pass = net.pass(size, frames).expect("room");
+    compare(gpu, net, pass, [image, reference], (full, corner))
+}
+
+/// The same with this working memory.
+fn compare(
+    gpu: &Gpu,
+    net: &Lpips,
+    mut pass: LpipsPass,
+    [image, reference]: [&[f32]; 2],
+    (full, corner): (ImageSize, [usize; 2]),
+) -> (f64, Vec<f32>) {
     let mut v_image = gpu.buffer::<f32>("v_image", image.len()).expect("buffer");
     let (image, reference) = (gpu.buffer_from("image", image), gpu.buffer_from("reference", reference));
     let (image, reference) = (image.expect("buffer"), reference.expect("buffer"));
@@ -96,6 +107,12 @@ fn frames_and_parts_are_compared_by_themselves() {
     }
     // Sums of some thousand f32 in another order.
     assert_close(&[value as f32], &[mean as f32], 0.0, 1e-5);
+    let one_by_one = net.pass_within(size, 2, 0).expect("room");
+    let (by_turns, slopes) = compare(&gpu, &net, one_by_one, [&image, &reference], (full, corner));
+    assert_close(&[by_turns as f32], &[value as f32], 0.0, 1e-5);
+    let largest = gradient.iter().fold(0.0, |m: f32, v| m.max(v.abs()));
+    // The same sums, at most fused otherwise.
+    assert_close(&slopes, &gradient, 1e-6 * largest, 1e-5);
     assert_eq!(gradient.iter().filter(|v| **v != 0.0).count(), inside, "nothing outside the part");
 }
 

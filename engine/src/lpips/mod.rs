@@ -5,6 +5,7 @@ mod weights;
 
 use std::path::Path;
 
+use guard4d_kernels::image::CHANNELS;
 use guard4d_kernels::image::normalize::Normalization;
 use guard4d_kernels::nn::conv2d::{FilterBank, Filters};
 use guard4d_kernels::{Buffer, Device};
@@ -24,8 +25,6 @@ const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
 const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
 /// Taps of either network.
 pub const NUM_TAPS: usize = 5;
-/// Floats of a colour in memory.
-const PIXEL: usize = 4;
 
 /// Range in which the network is given colours. Figures of the two cannot be compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -158,7 +157,7 @@ fn stacked_taps(layer: &Layer) -> usize {
 fn stacked_channels(layer: &Layer) -> usize {
     match layer.stride {
         1 => layer.channels[0],
-        stride => stride * stride * PIXEL,
+        stride => stride * stride * CHANNELS,
     }
 }
 
@@ -172,7 +171,7 @@ fn stack(weight: &[f32], layer: &Layer) -> Vec<f32> {
     let mut stacked = vec![0.0; outputs * channels * cells * cells];
     for (i, value) in weight.iter().enumerate() {
         let (filter, input, y, x) = (i / (inputs * taps * taps), i / (taps * taps) % inputs, i / taps % taps, i % taps);
-        let channel = (y % stride * stride + x % stride) * PIXEL + input;
+        let channel = (y % stride * stride + x % stride) * CHANNELS + input;
         stacked[((filter * channels + channel) * cells + y / stride) * cells + x / stride] = *value;
     }
     stacked

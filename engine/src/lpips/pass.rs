@@ -131,8 +131,8 @@ fn shapes(layers: &[Layer], cells: &Cells) -> Option<Vec<LayerShape>> {
 }
 
 /// Most frames whose memory stays within the limit and that divide all of them; at least one.
-fn chunk_of(frames: usize, bytes_per_frame: usize) -> usize {
-    let fits = |chunk: &usize| frames.is_multiple_of(*chunk) && chunk * bytes_per_frame <= CHUNK_BYTES;
+fn chunk_of(frames: usize, bytes_per_frame: usize, limit: usize) -> usize {
+    let fits = |chunk: &usize| frames.is_multiple_of(*chunk) && chunk * bytes_per_frame <= limit;
     (1..=frames).rev().find(fits).unwrap_or(1)
 }
 
@@ -167,11 +167,19 @@ impl LpipsPass {
 }
 
 impl Lpips {
-    /// Room for `frames` frames of this size, some of which go through the network together; nothing is allocated afterwards.
+    /// Room for `frames` frames of this size; nothing is allocated afterwards.
     ///
     /// # Errors
     /// [`EngineError::Usage`] for frames that are too small for the network; when memory runs out.
     pub fn pass(&self, size: ImageSize, frames: usize) -> Result<LpipsPass, EngineError> {
+        self.pass_within(size, frames, CHUNK_BYTES)
+    }
+
+    /// The same where as many frames go through the network together as take no more than `chunk_bytes`, at least one.
+    ///
+    /// # Errors
+    /// As [`Lpips::pass`].
+    pub fn pass_within(&self, size: ImageSize, frames: usize, chunk_bytes: usize) -> Result<LpipsPass, EngineError> {
         let layers: Vec<Layer> = self.layers.iter().map(|(layer, _)| *layer).collect();
         let cells = cells_of(&layers[0], size);
         let shapes = shapes(&layers, &cells).ok_or_else(|| EngineError::Usage {
@@ -180,7 +188,7 @@ impl Lpips {
             expected: format!("at least {} px both ways", self.net.min_side_px()),
         })?;
         let floats: usize = shapes.iter().map(|s| 3 * (s.out_len() + s.pooled_len())).sum::<usize>() + 3 * cells.len(1);
-        let chunk = chunk_of(frames, floats * size_of::<f32>());
+        let chunk = chunk_of(frames, floats * size_of::<f32>(), chunk_bytes);
         let device = &self.device;
         let largest = shapes.iter().map(|shape| shape.out[0] * shape.out[1]).max().unwrap_or(0);
         let layers = shapes.into_iter().map(|shape| LayerState::new(device, shape, chunk));
