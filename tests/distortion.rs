@@ -26,7 +26,7 @@ fn parsed(text: &str) -> Distortion {
     text.parse().expect("well written")
 }
 
-fn colours(random: &mut Random, low: f64, high: f64) -> Vec<f32> {
+fn colours(random: &mut Random, low: f32, high: f32) -> Vec<f32> {
     let floats = random.vec_f32(CLIP.pixels() * 4, low, high);
     floats.iter().enumerate().map(|(i, v)| if i % 4 < 3 { *v } else { 0.0 }).collect()
 }

@@ -30,9 +30,17 @@ pub struct Drawn {
 #[derive(Debug)]
 enum Tables {
     None,
-    Rescale { down: Resizer, up: Resizer, small: Buffer<f32> },
-    Filter(Resizer),
+    Rescale(Box<Rescale>),
+    Filter(Box<Resizer>),
     Jpeg(JpegQuality),
+}
+
+/// To a smaller size and back.
+#[derive(Debug)]
+struct Rescale {
+    down: Resizer,
+    up: Resizer,
+    small: Buffer<f32>,
 }
 
 /// A resize or blur with its working memory.
@@ -114,7 +122,8 @@ impl Layer {
         let (distortion, tables) = &mut list[drawn.index];
         let strength = distortion.strength(drawn.share);
         match tables {
-            Tables::Rescale { down, up, small } => {
+            Tables::Rescale(rescale) => {
+                let Rescale { down, up, small } = rescale.as_mut();
                 down.forward(rec, x, small)?;
                 up.forward(rec, small, y)
             }
@@ -156,7 +165,8 @@ impl Layer {
         let (distortion, tables) = &mut list[drawn.index];
         let strength = distortion.strength(drawn.share);
         match tables {
-            Tables::Rescale { down, up, small } => {
+            Tables::Rescale(rescale) => {
+                let Rescale { down, up, small } = rescale.as_mut();
                 up.backward(rec, v_y, small)?;
                 down.backward(rec, small, v_x)
             }
@@ -189,11 +199,13 @@ impl Tables {
                 let resizer = |from, to| Resizer::new(device, clip.frames, ResizePlan::new(device, from, to)?);
                 let floats = clip.frames * less.height * less.width * CHANNELS;
                 let small = device.buffer("distortion.small", floats)?;
-                Ok(Self::Rescale { down: resizer(size, less)?, up: resizer(less, size)?, small })
+                let rescale = Rescale { down: resizer(size, less)?, up: resizer(less, size)?, small };
+                Ok(Self::Rescale(Box::new(rescale)))
             }
             Kind::Blur | Kind::Codec => {
                 let blur = Blur { sigma: strength, radius: whole(BLUR_REACH * strength) };
-                Ok(Self::Filter(Resizer::new(device, clip.frames, ResizePlan::blur(device, size, blur)?)?))
+                let resizer = Resizer::new(device, clip.frames, ResizePlan::blur(device, size, blur)?)?;
+                Ok(Self::Filter(Box::new(resizer)))
             }
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a whole number from 1 to 100")]
             Kind::Jpeg => Ok(Self::Jpeg(JpegQuality::new(device, strength as u8)?)),
