@@ -21,13 +21,13 @@ use crate::harness::{Bench, Work};
 const SECRET: [u8; 32] = [7; 32];
 
 /// An owner, made when the first row needs one: half a minute that other rows do not have to wait for.
-struct Owner {
-    key: Key,
-    message: Message,
+pub(crate) struct Owner {
+    pub(crate) key: Key,
+    pub(crate) message: Message,
 }
 
 impl Owner {
-    fn new(device: &Device, clip: &Clip) -> Result<Self, EngineError> {
+    pub(crate) fn new(device: &Device, clip: &Clip) -> Result<Self, EngineError> {
         let (key, _) = Key::generate(device, clip, MasterSecret::from_bytes(SECRET), BITS)?;
         Ok(Self { message: key.own_message(), key })
     }

@@ -10,6 +10,7 @@ use guard4d_engine::watermark::embed::StepPart;
 use guard4d_kernels::vk::{DeviceKind, KernelDef};
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
 
+use crate::memory::MemoryRow;
 use crate::probe::PROBES;
 use crate::stats::Quartiles;
 
@@ -93,6 +94,8 @@ pub(crate) struct Bench {
     pub(crate) device: Device,
     criterion: Criterion,
     pub(crate) rows: Vec<Row>,
+    /// Embeddings of which the memory was measured.
+    pub(crate) memory: Vec<MemoryRow>,
     /// Kernels that ran in some row with timestamps.
     kernels: BTreeSet<&'static str>,
     /// A row's name must contain one of these, if there are any.
@@ -105,7 +108,8 @@ impl Bench {
     /// Rows on this device.
     pub(crate) fn new(device: Device, filters: Vec<String>) -> Self {
         let criterion = Criterion::default().sample_size(SAMPLES).warm_up_time(WARM_UP).measurement_time(MEASUREMENT);
-        Self { device, criterion, rows: Vec::new(), kernels: BTreeSet::new(), filters, load: crate::host::load() }
+        let load = crate::host::load();
+        Self { device, criterion, rows: Vec::new(), memory: Vec::new(), kernels: BTreeSet::new(), filters, load }
     }
 
     /// Whether the command line leaves rows out.

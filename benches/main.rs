@@ -13,6 +13,7 @@ mod harness;
 mod host;
 mod image;
 mod loss;
+mod memory;
 mod nn;
 mod optim;
 mod probe;
@@ -40,7 +41,7 @@ type Outcome = Result<(), EngineError>;
 struct Args {
     /// Only rows whose names contain one of these, and the probes that shares are taken of
     filters: Vec<String>,
-    /// Also fit how the cost grows with views, frames and splats
+    /// Also fit how the cost grows with views, frames and splats, and embed into large scenes within a memory budget
     #[arg(long)]
     full: bool,
     /// Measure nothing: print ratios of two results folders, B to A, and flag what became slower
@@ -111,6 +112,7 @@ fn run(args: &Args) -> Result<Vec<&'static str>, EngineError> {
     }
     if args.full {
         scaling::measure(&mut bench)?;
+        memory::measure(&mut bench)?;
     }
     report::write(&bench, args)?;
     Ok(bench.unmeasured())

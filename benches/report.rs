@@ -10,6 +10,7 @@ use crate::chart::{self, Bars};
 use crate::compare::{CORE_MS, JUDGED_BY, MS, NAME, QUARTILES};
 use crate::harness::{Bench, Row, SAMPLES, Work};
 use crate::host::{commit, date, load, processor, results};
+use crate::memory::{BUDGET, CLIPS, MemoryRow, STEPS};
 use crate::probe::{ARITHMETIC, HOST, MEMORY};
 use crate::stats::exponent;
 use crate::target::{self, Figure, Measured, Target};
@@ -20,7 +21,7 @@ pub(crate) fn write(bench: &Bench, args: &Args) -> Outcome {
     let folder: PathBuf = match &args.out {
         Some(folder) => folder.clone(),
         None if bench.is_partial() || bench.rows.is_empty() => {
-            println!("{}", rows(bench));
+            println!("{}{}", rows(bench), memory(bench));
             eprintln!("only a part was measured: no report is written without --out");
             return Ok(());
         }
@@ -118,6 +119,7 @@ fn summary(bench: &Bench, args: &Args) -> String {
     out.push_str(&rows(bench));
     out.push_str(&stages(bench));
     out.push_str(&fits(bench));
+    out.push_str(&memory(bench));
     out.push_str(&split(bench));
     let missing = bench.unmeasured();
     if !missing.is_empty() {
@@ -141,7 +143,7 @@ fn head(bench: &Bench, args: &Args) -> String {
          - Peaks of this run on the device: {} GFLOP/s multiply and add in registers, {} GB/s memory (the better of a \
          device copy and a kernel of three streams); by CPU time {} GFLOP/s and {} GB/s per core\n\
          - Peak of one core in this process: {} GFLOP/s fused multiply and add in 256-bit registers, by CPU time\n\
-         - Device memory: at most {:.0} MiB in buffers\n\n\
+         - Device memory: at most {:.0} MiB in buffers, {:.0} MiB taken from the driver\n\n\
          Times are medians of at least {SAMPLES} runs; quartiles are in `results.csv`. \"ms\" is device time (timestamps \
          around every pass, compilation excluded), but wall clock where the name says so. \"core-ms\" is CPU time of \
          this process over all threads, recording and waiting included: on a device that is this processor the figure \
@@ -162,7 +164,8 @@ fn head(bench: &Bench, args: &Args) -> String {
         peak(ARITHMETIC, Row::core_rate),
         peak(MEMORY, Row::core_rate),
         peak(HOST, Row::core_rate),
-        bench.device.memory_use().peak_bytes as f64 / f64::from(1 << 20),
+        mib(bench.device.memory_use().peak_bytes),
+        mib(bench.device.memory_use().peak_reserved_bytes),
     )
 }
 
@@ -270,6 +273,32 @@ fn fits(bench: &Bench) -> String {
          logarithms. What does not grow makes it smaller than 1.\n\n\
          | over | range | power of CPU time | of time by the clock |\n| --- | --- | ---: | ---: |\n{out}"
     )
+}
+
+fn mib(bytes: u64) -> f64 {
+    bytes as f64 / f64::from(1 << 20)
+}
+
+/// What embeddings of large scenes took.
+fn memory(bench: &Bench) -> String {
+    if bench.memory.is_empty() {
+        return String::new();
+    }
+    let mut out = format!(
+        "\n## Memory\n\nEmbeddings within {:.0} MiB of device memory, {STEPS} steps on {CLIPS} clips of 8 x 400 x 400 px; \
+         splats are copies of the demo scene's. The peaks of what is taken from the driver and of what buffers hold may come \
+         at different times.\n\n\
+         | what | MiB taken | MiB in buffers | taken to held | plan s | fit s | s per step |\n\
+         | --- | ---: | ---: | ---: | ---: | ---: | ---: |\n",
+        mib(BUDGET)
+    );
+    for MemoryRow { name, used, seconds: [plan, fit, step] } in &bench.memory {
+        let [taken, held] = [used.peak_reserved_bytes, used.peak_bytes].map(mib);
+        let ratio = taken / held;
+        writeln!(out, "| {name} | {taken:.0} | {held:.0} | {ratio:.3} | {plan:.1} | {fit:.1} | {step:.2} |")
+            .expect("a string takes any text");
+    }
+    out
 }
 
 /// Where the time of rows with several kernels goes.

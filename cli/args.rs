@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use bytesize::ByteSize;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use guard4d_engine::clip::Precision;
+use guard4d_engine::distortion::Distortion;
 use guard4d_kernels::{DeviceSelect, FamilySelect};
 
 /// Writes an owner's message into 4D Gaussian splat assets and reads it back from rendered video.
@@ -82,6 +83,8 @@ pub(crate) enum Command {
     Verify(VerifyArgs),
     /// Renders a model to 8-bit frames or a video
     Render(RenderArgs),
+    /// Distorts a film as copies are distorted, to see what `verify` then reads
+    Attack(AttackArgs),
     /// Says what a model, key or receipt holds
     Inspect(InspectArgs),
     /// Lists the Vulkan devices
@@ -273,6 +276,12 @@ pub(crate) struct EmbedArgs {
     pub(crate) control_every: u32,
     #[command(flatten)]
     pub(crate) lpips: LpipsArgs,
+    /// Train on distorted frames too: each of these as often as undistorted ones, as `guard4d attack --help` names them
+    ///
+    /// Strengths of noise, rotation, crop and brightness can be drawn between two numbers: rotation:-15..15. The mark then
+    /// survives more and reads a little worse where nothing was done to it.
+    #[arg(long = "distort", value_name = "NAME:STRENGTH", value_delimiter = ',', allow_hyphen_values = true)]
+    pub(crate) distortions: Vec<Distortion>,
     #[command(flatten)]
     pub(crate) effort: EffortArgs,
     /// Fidelity to hold, in dB over whole frames, instead of the profile's
@@ -341,6 +350,13 @@ pub(crate) struct RenderArgs {
     pub(crate) model: PathBuf,
     #[command(flatten)]
     pub(crate) views: ViewArgs,
+    #[command(flatten)]
+    pub(crate) film: FilmArgs,
+}
+
+/// Where frames go.
+#[derive(Args, Debug)]
+pub(crate) struct FilmArgs {
     /// Folder for PNG frames, or a .mp4 file
     #[arg(long)]
     pub(crate) out: PathBuf,
@@ -353,6 +369,24 @@ pub(crate) struct RenderArgs {
     /// Replace what is there
     #[arg(short = 'w', long)]
     pub(crate) overwrite: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct AttackArgs {
+    /// PNG folder or video file
+    pub(crate) clip: PathBuf,
+    /// What to do to every frame, one after the other, each with a rounding to 8 bits: NAME:STRENGTH
+    ///
+    /// noise (standard deviation, colours being in [0, 1]), rotation (degrees, black outside), rescale (share of each side, and
+    /// back), blur (standard deviation in px), crop (share of each side that is kept and enlarged), brightness (factor), jpeg
+    /// (quality), codec (low pass in px with chroma at half resolution; --out FILE.mp4 --crf is a real codec), identity.
+    #[arg(long = "with", value_name = "NAME:STRENGTH", value_delimiter = ',', required = true)]
+    pub(crate) distortions: Vec<Distortion>,
+    /// Seed of noise
+    #[arg(long, default_value_t = 0)]
+    pub(crate) seed: u64,
+    #[command(flatten)]
+    pub(crate) film: FilmArgs,
 }
 
 #[derive(Args, Debug)]

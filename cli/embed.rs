@@ -183,6 +183,7 @@ fn config(args: &EmbedArgs) -> Result<EmbedConfig, EngineError> {
     };
     config.fov_deg = f64::from(args.views.fov);
     config.control_every = args.control_every;
+    config.distortions.clone_from(&args.distortions);
     spend(&args.effort, &mut config);
     if let Some(target) = args.target_psnr {
         config = config.with_target(target);

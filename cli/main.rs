@@ -1,10 +1,12 @@
 //! The `guard4d` command: parse, run, exit code; nothing else.
 
 mod args;
+mod attack;
 mod demo;
 mod devices;
 mod dump;
 mod embed;
+mod film;
 mod inspect;
 mod keygen;
 mod media;
@@ -53,6 +55,7 @@ fn guarded(work: impl FnOnce() -> u8 + UnwindSafe) -> u8 {
 
 fn run(cli: &Cli) -> Result<Outcome, EngineError> {
     match &cli.command {
+        Command::Attack(args) => attack::run(args, &cli.common),
         Command::Demo(args) => demo::run(args, &cli.common),
         Command::Devices => devices::run(&cli.common),
         Command::Dump(args) => dump::run(args, &cli.common),

@@ -6,6 +6,7 @@ mod assets;
 mod benches;
 mod cli;
 mod clip;
+mod distortion;
 mod kernels;
 mod lpips;
 mod media;

@@ -4,6 +4,7 @@
 pub mod clip;
 pub mod deform;
 pub mod demo;
+pub mod distortion;
 pub mod dump;
 pub mod error;
 pub mod lpips;

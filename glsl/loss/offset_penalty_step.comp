@@ -3,13 +3,14 @@
 //   in   offsets, N rows of OFFSET_TEXELS = n texels   v_before: v_offsets as texels
 //   out  v_offsets like offsets (=), or (+=) with ACCUMULATE   partial [groups * 8] (=)
 //   twin kernels/src/reference/loss/offset_penalty.rs   dc, rest: weight of one square; groups: 64 * TEXELS each
+//   The texels may be a piece of more: its workgroups are numbered from first_group on.
 layout(local_size_x = 64) in;
 #include "lib/texels.glsl"
 #include "lib/shuffle.glsl"
 layout(constant_id = 0) const uint ACCUMULATE = 0;
 layout(constant_id = 1) const uint TEXELS = 16;
 layout(constant_id = 2) const uint OFFSET_TEXELS = 12;
-layout(push_constant) uniform Params { uint n; float dc, rest, weight; } p;
+layout(push_constant) uniform Params { uint n, first_group; float dc, rest, weight; } p;
 TEXELS_F32(0, offsets);
 TEXELS_F32(1, v_before);
 layout(set = 0, binding = 2) writeonly buffer VOffsets { vec4 v_offsets[]; };
@@ -36,5 +37,5 @@ void main() {
     total += lane_shuffle_xor(total, 1);
     total += lane_shuffle_xor(total, 2);
     total += lane_shuffle_xor(total, 4);
-    if (lane % 8 == 0) partial[gl_WorkGroupID.x * 8 + lane / 8] = total;
+    if (lane % 8 == 0) partial[(p.first_group + gl_WorkGroupID.x) * 8 + lane / 8] = total;
 }

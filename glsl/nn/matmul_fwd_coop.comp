@@ -6,6 +6,7 @@
 //   Panels of 32 k lie in shared memory, rows 40 halves apart: a multiple of 16 bytes, as cooperative loads want, and off the
 //   banks of the row before. Each of SUBGROUPS subgroups owns a block of the tile's TM x TN matrices; ROW_BLOCKS of them lie
 //   below each other. The next panel is fetched before this one is multiplied. 14 KiB shared.
+//   SCALED = 1: A is a gradient, and rounded with a scale that the tile's panels have in common.
 #extension GL_EXT_control_flow_attributes : require
 #ifndef INTERFACE_ONLY
 #extension GL_EXT_shader_explicit_arithmetic_types_float16 : require
@@ -22,6 +23,7 @@ layout(constant_id = 3) const uint SUBGROUPS = 4;
 layout(constant_id = 4) const uint ROW_BLOCKS = 2;
 layout(constant_id = 5) const uint MODE = 0;
 layout(constant_id = 6) const uint ACTIVATION = 0;
+layout(constant_id = 7) const uint SCALED = 0;
 layout(push_constant) uniform Params { int m; int n; int k; } p;
 layout(set = 0, binding = 0) readonly buffer A { vec4 a[]; };
 layout(set = 0, binding = 1) readonly buffer W { uvec2 w[]; };
@@ -32,10 +34,11 @@ layout(set = 0, binding = 4) writeonly buffer C { vec4 c[]; };
 #ifdef INTERFACE_ONLY
 // For compilers that do not know the extension; names everything that the host binds, and is never run.
 void main() {
-    uint names = TM + TN + TK + SUBGROUPS + ROW_BLOCKS + MODE + ACTIVATION;
+    uint names = TM + TN + TK + SUBGROUPS + ROW_BLOCKS + MODE + ACTIVATION + SCALED;
     c[names] = a[p.m] + vec4(w[p.n], w[p.k]) + bias[0] + aux[0];
 }
 #else
+#include "lib/block_scale.glsl"
 #include "lib/epilogue.glsl"
 
 const int TILE = 64;
@@ -51,6 +54,7 @@ shared f16vec4 panel_left[TILE * STRIDE4];
 shared f16vec4 panel_right[TILE * STRIDE4];
 shared float patch_of_subgroup[PATCH];
 
+float scale = 1.0;
 vec4 next_left[FETCHES];
 uvec2 next_right[FETCHES];
 
@@ -68,10 +72,18 @@ void fetch(int id, int row0, int column0, int texel0) {
     }
 }
 
+void tell_fetched() {
+    uint bits = 0u;
+    [[unroll]] for (int q = 0; q < FETCHES; ++q) {
+        bits = max(bits, finite_bits(next_left[q]));
+    }
+    tell_block_scale(bits);
+}
+
 void stage(int id) {
     [[unroll]] for (int q = 0; q < FETCHES; ++q) {
         int i = id + q * GROUP;
-        panel_left[i / DEPTH4 * STRIDE4 + i % DEPTH4] = f16vec4(next_left[q]);
+        panel_left[i / DEPTH4 * STRIDE4 + i % DEPTH4] = f16vec4(next_left[q] * scale);
         panel_right[(i / (8 * DEPTH4) * 8 + i % 8) * STRIDE4 + i / 8 % DEPTH4] =
             f16vec4(unpackFloat2x16(next_right[q].x), unpackFloat2x16(next_right[q].y));
     }
@@ -86,7 +98,7 @@ void store(uint lane, uint patch0, int row0, int column0) {
             vec4 s = vec4(patch_of_subgroup[from], patch_of_subgroup[from + 1], patch_of_subgroup[from + 2],
                           patch_of_subgroup[from + 3]);
             int at = (row * p.n + column) / 4;
-            c[at] = epilogue(s + bias[column / 4], MODE > 0u ? aux[at] : vec4(0.0));
+            c[at] = epilogue(s * unscale(scale) + bias[column / 4], MODE > 0u ? aux[at] : vec4(0.0));
         }
     }
 }
@@ -103,6 +115,13 @@ void main() {
     }
     int texel = 0;
     fetch(id, row0, column0, 0);
+    if (SCALED > 0u) {
+        start_block_scale(id);
+        barrier();
+        tell_fetched();
+        barrier();
+        scale = block_scale();
+    }
     do {
         stage(id);
         barrier();
@@ -123,7 +142,17 @@ void main() {
                 }
             }
         }
+        if (SCALED > 0u) {
+            tell_fetched();
+        }
         barrier();
+        if (SCALED > 0u) {
+            float ratio = block_scale() * unscale(scale);
+            scale = block_scale();
+            [[unroll]] for (uint i = 0; i < DOWN * ACROSS; ++i) {
+                acc[i] *= ratio;
+            }
+        }
     } while (texel < p.k / 4);
     // The layout of a matrix in registers is the device's secret: the epilogue meets it through shared memory.
     uint patch0 = gl_SubgroupID * TM * TN;

@@ -3,6 +3,7 @@
 //   in   sh_coeffs [N,16,3]   offsets, N rows of OFFSET_TEXELS   dirs [V,4]   splat_from_visible [V]   v_colours [V,4]
 //   in   v_before: v_offsets as texels
 //   out  v_offsets like offsets += Y_j(d) v_colour, per channel zero where the colour before the clamp is < 0
+//   Rows of sh_coeffs and offsets are a piece of all: splats first_splat to first_splat + num_splats - 1.
 //   OFFSET_TEXELS: 1 (the DC term) or 12 (like sh_coeffs)
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -13,7 +14,7 @@ layout(local_size_x = 64) in;
 #include "lib/texels.glsl"
 layout(constant_id = 0) const uint DEGREE = 3;
 layout(constant_id = 1) const uint OFFSET_TEXELS = 12;
-layout(push_constant) uniform Params { uint num_visible; } p;
+layout(push_constant) uniform Params { uint num_visible, first_splat, num_splats; } p;
 TEXELS_F32(0, sh_coeffs);
 TEXELS_F32(1, offsets);
 TEXELS_F32(2, dirs);
@@ -25,7 +26,8 @@ layout(set = 0, binding = 6) writeonly buffer VOffsets { vec4 v_offsets[]; };
 void main() {
     uint i = global_index();
     if (i >= p.num_visible) return;
-    uint splat = texel_pick(splat_from_visible, i);
+    uint splat = texel_pick(splat_from_visible, i) - p.first_splat;
+    if (splat >= p.num_splats) return;
     uint row = 12u * splat;
     uint offset_row = OFFSET_TEXELS * splat;
     float y[16];

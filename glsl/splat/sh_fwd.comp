@@ -2,6 +2,7 @@
 // splat/sh_fwd: view-dependent colour of each visible splat, Kerbl et al. 2023. One invocation per visible splat.
 //   in   sh_coeffs [N,16,3]   offsets, N rows of OFFSET_TEXELS   dirs [V,4] unit   splat_from_visible [V]
 //   out  colours [V,4] = max(0, 1/2 + sum_j Y_j(d) (h_j + delta_j)), NaN stays, 4th channel 0 (=)
+//   Rows of sh_coeffs and offsets are a piece of all: splats first_splat to first_splat + num_splats - 1.
 //   OFFSET_TEXELS: 0, 1 (the DC term) or 12 (like sh_coeffs)   CLAMP: 0 leaves out the max
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -13,7 +14,7 @@ layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint DEGREE = 3;
 layout(constant_id = 1) const uint OFFSET_TEXELS = 12;
 layout(constant_id = 2) const uint CLAMP = 1;
-layout(push_constant) uniform Params { uint num_visible; } p;
+layout(push_constant) uniform Params { uint num_visible, first_splat, num_splats; } p;
 TEXELS_F32(0, sh_coeffs);
 TEXELS_F32(1, offsets);
 TEXELS_F32(2, dirs);
@@ -23,7 +24,8 @@ layout(set = 0, binding = 4) buffer Colours { vec4 colours[]; };
 void main() {
     uint i = global_index();
     if (i >= p.num_visible) return;
-    uint splat = texel_pick(splat_from_visible, i);
+    uint splat = texel_pick(splat_from_visible, i) - p.first_splat;
+    if (splat >= p.num_splats) return;
     int row = int(12u * splat);
     int offset_row = int(OFFSET_TEXELS * splat);
     float y[16];

@@ -36,6 +36,17 @@ fn what_exists_is_kept_unless_asked() {
     assert_eq!(names(&frames), ["mine.txt"], "untouched");
     guard4d(&[&render[..], &[&"-w"]].concat()).done();
     assert_eq!(names(&frames), ["00000.png", "00001.png"], "replaced as a whole");
+    let copy = folder.path().join("copy");
+    let attack: [&dyn AsRef<OsStr>; 6] = [&"attack", &frames, &"--with", &"jpeg:50,rotation:-5", &"--out", &copy];
+    guard4d(&attack).done();
+    assert_eq!(names(&copy), ["00000.png", "00001.png"], "as many frames");
+    let picture = |folder: &Path| fs::read(folder.join("00000.png")).expect("readable");
+    assert!(picture(&copy) != picture(&frames), "and other ones");
+    guard4d(&attack).refused(73, &["copy: cannot create", "it exists"]);
+    guard4d(&[&"attack", &frames, &"--with", &"jpeg:500", &"--out", &copy, &"-w"])
+        .refused(2, &["jpeg", "from 1 to 100"]);
+    assert_eq!(names(&copy), ["00000.png", "00001.png"], "untouched");
+    fs::remove_dir_all(&copy).expect("removable");
     let video = put(folder.path(), "clip.mp4", b"precious");
     guard4d(&[&[&"render" as &dyn AsRef<OsStr>, &model, &"--out", &video], &small[..]].concat())
         .refused(73, &["clip.mp4: cannot create", "it exists"]);

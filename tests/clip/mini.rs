@@ -60,10 +60,14 @@ fn half_precision_moves_features_and_gradients_by_its_rounding_alone() {
     let file = golden();
     let planes = file.floats("pixel_values", &[2, 3, 64, 64]).expect("pictures");
     let v_features = file.floats("v_image_embeds", &[2, 512]).expect("a gradient");
-    let [(features, v_pixels), (rounded, v_rounded)] = [Precision::F32, Precision::Half].map(|precision| {
+    // A gradient that no 16-bit float holds must come through as well as one that it does.
+    let tiny = 2.0f32.powi(-30);
+    let cases = [(Precision::F32, 1.0), (Precision::Half, 1.0), (Precision::Half, tiny)];
+    let [(features, v_pixels), (rounded, v_rounded), (_, v_tiny)] = cases.map(|(precision, factor)| {
         let tower = mini(&gpu).in_precision(precision).vision(Purpose::InputGradient).expect("tower");
         let pixels = gpu.buffer_from("pixels", &pixels_of(planes, 64)).expect("buffer");
-        let v_features = gpu.buffer_from("v_features", v_features).expect("buffer");
+        let v_features: Vec<f32> = v_features.iter().map(|v| v * factor).collect();
+        let v_features = gpu.buffer_from("v_features", &v_features).expect("buffer");
         let mut v_pixels = gpu.buffer_from("v_pixels", &vec![f32::NAN; 2 * 64 * 64 * 4]).expect("buffer");
         let mut ws = tower.workspace(2).expect("workspace");
         let mut rec = gpu.recorder().expect("recorder");
@@ -77,6 +81,10 @@ fn half_precision_moves_features_and_gradients_by_its_rounding_alone() {
         let error = relative_distance(got, want);
         assert!(error > 1e-6 && error < 1e-2, "{error} of the length: rounded, and no more");
     }
+    let v_tiny: Vec<f32> = v_tiny.iter().map(|v| v / tiny).collect();
+    // Powers of two change no rounding, but that of numbers below 2^-24 of their tile's largest.
+    let error = relative_distance(&v_tiny, &v_rounded);
+    assert!(error < 1e-5, "{error} of the length");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Kernel tests, one file per op, in the folders of `glsl/`.
 
+mod bindings;
 mod cooperation;
 mod device_loss;
 mod image;

@@ -80,8 +80,13 @@ pub(crate) fn is_required() -> bool {
 /// The device once for each kernel family. `None`, with the reason printed, without a driver or where the device runs the
 /// tile kernels only.
 pub(crate) fn each_family() -> Option<[Gpu; 2]> {
+    each_family_with(DeviceOptions::default())
+}
+
+/// The same opened in some way.
+pub(crate) fn each_family_with(options: DeviceOptions) -> Option<[Gpu; 2]> {
     drop(device()?);
-    let open = |family| open_with(DeviceOptions { kernels: FamilySelect::Only(family), ..DeviceOptions::default() });
+    let open = |family| open_with(DeviceOptions { kernels: FamilySelect::Only(family), ..options });
     match open(KernelFamily::Lanes) {
         Ok(lanes) => Some([Gpu(lanes), Gpu(open(KernelFamily::Tiles).expect("every device runs the tile kernels"))]),
         Err(why) => {
@@ -105,7 +110,7 @@ pub(crate) fn half_device() -> Option<Gpu> {
 
 fn open(host_access: HostAccess) -> Result<Device, String> {
     let kernels: FamilySelect = std::env::var("GUARD4D_KERNELS").unwrap_or_else(|_| "auto".to_owned()).parse()?;
-    open_with(DeviceOptions { host_access, kernels })
+    open_with(DeviceOptions { host_access, kernels, ..DeviceOptions::default() })
 }
 
 fn open_with(options: DeviceOptions) -> Result<Device, String> {

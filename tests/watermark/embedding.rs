@@ -248,6 +248,38 @@ fn a_control_counts_as_often_as_it_is_left_out() {
     assert!(matches!(&refused, EngineError::BadData { field, .. } if field == "identity"), "{refused}");
 }
 
+/// Offsets of a trained mark, as bits.
+fn coefficients(embedded: &Embedded) -> Vec<u32> {
+    embedded.sh_coeffs.iter().map(|v| v.to_bits()).collect()
+}
+
+#[test]
+fn steps_go_through_distortions_and_come_back() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    for mode in [ExtractorMode::Blind, ExtractorMode::Joint] {
+        let plain = EmbedConfig { steps: 4, lambda_recon: 1.0, ..config(&owner, mode) };
+        let with = |list: &[&str]| {
+            let distortions = list.iter().map(|text| text.parse().expect("well written")).collect();
+            let config = EmbedConfig { distortions, ..plain.clone() };
+            train(Embedding::prepare(owner.subject(&gpu), config).expect("prepares"))
+        };
+        // A detour that changes nothing changes nothing; controls would be clean where they are noisy by turns.
+        let ((without, unmoved), (reports, same)) = (with(&[]), with(&["identity"]));
+        if mode == ExtractorMode::Blind {
+            assert_eq!(without, reports, "what the steps see");
+            assert!(coefficients(&unmoved) == coefficients(&same), "the same mark");
+        }
+        let (reports, other) = with(&["rotation:-30..30", "jpeg:30", "noise:0.05", "codec:2", "crop:0.5..0.9"]);
+        assert!(coefficients(&unmoved) != coefficients(&other), "{mode:?}: a distortion tells");
+        let finite = |r: &StepReport| r.total.is_finite() && r.mse.is_finite();
+        assert!(reports.len() == 4 && reports.iter().all(finite), "{mode:?}: {reports:?}");
+        let (again, repeated) = with(&["rotation:-30..30", "jpeg:30", "noise:0.05", "codec:2", "crop:0.5..0.9"]);
+        assert_eq!(reports, again, "{mode:?}: the same draws");
+        assert!(coefficients(&other) == coefficients(&repeated), "{mode:?}: and the same mark");
+    }
+}
+
 /// LPIPS with a random network.
 fn lpips(lambda: f32, crop_px: Option<u32>, every: u32) -> LpipsTerm {
     let folder = tempfile::tempdir().expect("a temporary folder");

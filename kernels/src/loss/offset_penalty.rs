@@ -1,7 +1,7 @@
 //! Penalty on SH offsets.
 
 use crate::loss::Term;
-use crate::loss::sum::{PARTIALS_PER_GROUP, PER_INVOCATION, SumScratch, finish};
+use crate::loss::sum::{LANES, PARTIALS_PER_GROUP, PER_INVOCATION, SumScratch, finish};
 use crate::registry::loss::offset_penalty_step;
 use crate::shape::{OffsetBases, dim, expect_len};
 use crate::{Buffer, Grid, KernelError, Recorder};
@@ -60,14 +60,33 @@ pub fn step(
     let texels = offsets.len() / 4;
     let groups = scratch.groups(KERNEL, texels)?;
     let (dc, rest) = blocks.shares(splats);
-    let params = offset_penalty_step::Params { n: dim(texels), dc, rest, weight: term.weight };
     let spec = offset_penalty_step::Spec {
         accumulate: term.accumulate.flag(),
         texels: PER_INVOCATION,
         offset_texels: blocks.bases.texels(),
     };
-    let before = v_offsets.alias();
-    let bind = offset_penalty_step::Bind { offsets, v_before: &before, v_offsets, partial: &mut scratch.partial };
-    rec.dispatch_spec(bind, params, spec, Grid::groups(dim(groups), 1, 1))?;
+    // Pieces of whole workgroups, whose texels and partial sums are then the same as in one piece; and of whole rows.
+    let per_group = LANES * PER_INVOCATION as usize * blocks.bases.texels() as usize;
+    for units in rec.pieces(texels.div_ceil(per_group), 4 * size_of::<f32>() * per_group) {
+        let texels = units.start * per_group..(units.end * per_group).min(texels);
+        let part = |buffer: &Buffer<f32>| buffer.part(4 * texels.start..4 * texels.end);
+        let (before, mut after) = (part(v_offsets), part(v_offsets));
+        let first_group = texels.start / (LANES * PER_INVOCATION as usize);
+        let bind = offset_penalty_step::Bind {
+            offsets: &part(offsets),
+            v_before: &before,
+            v_offsets: &mut after,
+            partial: &mut scratch.partial,
+        };
+        let params = offset_penalty_step::Params {
+            n: dim(texels.len()),
+            first_group: dim(first_group),
+            dc,
+            rest,
+            weight: term.weight,
+        };
+        let groups = texels.len().div_ceil(LANES * PER_INVOCATION as usize);
+        rec.dispatch_spec(bind, params, spec, Grid::groups(dim(groups), 1, 1))?;
+    }
     finish(rec, (&scratch.partial, 0..groups * PARTIALS_PER_GROUP), 1.0, (term.values, term.slot))
 }

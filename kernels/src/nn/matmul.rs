@@ -1,7 +1,7 @@
 //! Matrix product with a packed right operand.
 
 use super::activation::Activation;
-use super::pack::{Elements, LANES, Order, PackedWeight, Precision, TEXEL, gather};
+use super::pack::{Elements, LANES, Left, Order, PackedWeight, Precision, TEXEL, gather};
 use super::{as_i32, as_u32, expect_len, expect_multiple, shape_error, transpose};
 use crate::registry::nn::{
     matmul_fwd, matmul_fwd_coop, matmul_fwd_fixed16, matmul_fwd_fixed16_tile, matmul_fwd_tile, matmul_fwd_windows,
@@ -180,7 +180,8 @@ fn dispatch(rec: &mut Recorder, operands: &Operands, c: &mut Buffer<f32>) -> Res
             let Cooperation { m: tm, n: tn, k: tk, subgroups, row_blocks } = rec.cooperation()?;
             let grid = Grid::groups(as_u32(rows).div_ceil(COOP_TILE), as_u32(n).div_ceil(COOP_TILE), 1);
             let bind = matmul_fwd_coop::Bind { a, w, bias, aux, c };
-            let spec = matmul_fwd_coop::Spec { tm, tn, tk, subgroups, row_blocks, mode, activation };
+            let scaled = u32::from(weight.left == Left::Gradients);
+            let spec = matmul_fwd_coop::Spec { tm, tn, tk, subgroups, row_blocks, mode, activation, scaled };
             let params = matmul_fwd_coop::Params { m: as_i32(rows), n: as_i32(n), k: as_i32(k) };
             rec.dispatch_spec(bind, params, spec, grid)
         }

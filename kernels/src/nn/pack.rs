@@ -25,7 +25,8 @@ pub enum Precision {
     /// one of its row. Half the memory, and half the fetches of a product.
     Fixed16,
     /// 16-bit floats, and the left operand of a product is rounded to such too, for the cooperative matrices of a GPU: a
-    /// factor is off by at most 2⁻¹¹ of itself, and infinite beyond 65,504. Sums are 32-bit floats.
+    /// factor is off by at most 2⁻¹¹ of itself, and infinite beyond 65,504. Gradients are brought near 1 before they are
+    /// rounded. Sums are 32-bit floats.
     Half,
 }
 
@@ -64,8 +65,18 @@ impl std::fmt::Display for Precision {
 pub struct PackedWeight {
     pub(crate) elements: Elements,
     pub(crate) no_bias: Buffer<f32>,
+    pub(crate) left: Left,
     n: usize,
     k: usize,
+}
+
+/// What a weight is multiplied with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Left {
+    /// Values, which 16-bit floats hold as they are.
+    Values,
+    /// Gradients, which may be smaller than any 16-bit float: these are rounded with a common scale.
+    Gradients,
 }
 
 /// The elements of W on the device.
@@ -132,7 +143,7 @@ impl PackedWeight {
 
     fn of(device: &Device, name: &str, elements: Elements, (n, k): (usize, usize)) -> Result<Self, KernelError> {
         let no_bias = device.buffer(&format!("{name}.no_bias"), n.next_multiple_of(LANES))?;
-        Ok(Self { elements, no_bias, n, k })
+        Ok(Self { elements, no_bias, left: Left::Values, n, k })
     }
 
     /// Packs the transpose of `w` `[k, n]` on the host: the operand of the gradient to the input.
@@ -148,7 +159,7 @@ impl PackedWeight {
     ) -> Result<Self, KernelError> {
         expect_len(KERNEL, "w", w.len(), n * k, "k*n")?;
         let columns: Vec<f32> = (0..n * k).map(|i| w[(i % k) * n + i / k]).collect();
-        Self::in_precision(device, name, &columns, (n, k), precision)
+        Ok(Self { left: Left::Gradients, ..Self::in_precision(device, name, &columns, (n, k), precision)? })
     }
 
     /// The matrix in its packed order; `None` where it is not kept as floats.

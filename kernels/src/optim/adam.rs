@@ -104,9 +104,8 @@ pub fn step(
     }
     state.steps += 1;
     let exponent = i32::try_from(state.steps).unwrap_or(i32::MAX);
-    let texels = n.div_ceil(4);
-    let params = adam_step::Params {
-        texels: dim(texels),
+    let mut params = adam_step::Params {
+        texels: 0,
         lr: config.lr,
         lr_tail,
         beta1: config.beta1,
@@ -116,15 +115,22 @@ pub fn step(
         bias2: 1.0 - config.beta2.powi(exponent),
         keep: config.keep,
     };
-    let before = [param.alias(), state.exp_avg.alias(), state.exp_avg_sq.alias()];
-    let bind = adam_step::Bind {
-        param_before: &before[0],
-        exp_avg_before: &before[1],
-        exp_avg_sq_before: &before[2],
-        v_param,
-        param,
-        exp_avg: &mut state.exp_avg,
-        exp_avg_sq: &mut state.exp_avg_sq,
-    };
-    rec.dispatch_spec(bind, params, adam_step::Spec { row: dim(row), head: dim(head) }, Grid::threads(texels))
+    for rows in rec.pieces(n / row, size_of::<f32>() * row) {
+        let part = |buffer: &Buffer<f32>| buffer.part(rows.start * row..rows.end * row);
+        let before = [&*param, &state.exp_avg, &state.exp_avg_sq].map(part);
+        let [mut param, mut exp_avg, mut exp_avg_sq] = before.each_ref().map(Buffer::alias);
+        let texels = param.len().div_ceil(4);
+        params.texels = dim(texels);
+        let bind = adam_step::Bind {
+            param_before: &before[0],
+            exp_avg_before: &before[1],
+            exp_avg_sq_before: &before[2],
+            v_param: &part(v_param),
+            param: &mut param,
+            exp_avg: &mut exp_avg,
+            exp_avg_sq: &mut exp_avg_sq,
+        };
+        rec.dispatch_spec(bind, params, adam_step::Spec { row: dim(row), head: dim(head) }, Grid::threads(texels))?;
+    }
+    Ok(())
 }

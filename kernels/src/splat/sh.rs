@@ -1,11 +1,15 @@
 //! View-dependent colours from spherical harmonics.
 
+use std::ops::Range;
+
 use super::SH_FLOATS;
 use crate::registry::splat::{sh_bwd, sh_fwd};
 use crate::shape::{OffsetBases, dim, require_len};
 use crate::{Buffer, Grid, KernelError, Recorder};
 
 const KERNEL: &str = "splat/sh";
+/// Bytes of a splat's coefficients; its offsets are no more.
+const ROW_BYTES: usize = SH_FLOATS * size_of::<f32>();
 
 /// Coefficients and offsets that colours are computed from.
 #[derive(Clone, Copy, Debug)]
@@ -90,16 +94,27 @@ fn evaluate(
     clamp: bool,
 ) -> Result<(), KernelError> {
     check(sh, visible, colours.len())?;
-    let (offsets, offset_texels) = sh.offsets.map_or((sh.sh_coeffs, 0), |(o, bases)| (o, bases.texels()));
-    let bind = sh_fwd::Bind {
-        sh_coeffs: sh.sh_coeffs,
-        offsets,
-        dirs: visible.dirs,
-        splat_from_visible: visible.splat_from_visible,
-        colours,
-    };
+    let offset_texels = sh.offsets.map_or(0, |(_, bases)| bases.texels());
     let spec = sh_fwd::Spec { degree: sh.degree, offset_texels, clamp: clamp.into() };
-    rec.dispatch_spec(bind, sh_fwd::Params { num_visible: dim(visible.count) }, spec, Grid::threads(visible.count))
+    for splats in rec.pieces(sh.sh_coeffs.len() / SH_FLOATS, ROW_BYTES) {
+        let coeffs = sh.sh_coeffs.part(SH_FLOATS * splats.start..SH_FLOATS * splats.end);
+        let bind = sh_fwd::Bind {
+            sh_coeffs: &coeffs,
+            offsets: &sh.offsets.map_or(coeffs.alias(), |(o, bases)| rows(o, bases, &splats)),
+            dirs: visible.dirs,
+            splat_from_visible: visible.splat_from_visible,
+            colours,
+        };
+        let (first_splat, num_splats) = (dim(splats.start), dim(splats.len()));
+        let params = sh_fwd::Params { num_visible: dim(visible.count), first_splat, num_splats };
+        rec.dispatch_spec(bind, params, spec, Grid::threads(visible.count))?;
+    }
+    Ok(())
+}
+
+/// The rows of offsets that belong to some splats.
+fn rows(offsets: &Buffer<f32>, bases: OffsetBases, splats: &Range<usize>) -> Buffer<f32> {
+    offsets.part(bases.floats() * splats.start..bases.floats() * splats.end)
 }
 
 /// Gradient of the offsets.
@@ -129,16 +144,21 @@ pub fn backward(
         });
     };
     require_len(KERNEL, "v_offsets", v_offsets.len(), sh.sh_coeffs.len() / SH_FLOATS * bases.floats())?;
-    let before = v_offsets.alias();
-    let bind = sh_bwd::Bind {
-        sh_coeffs: sh.sh_coeffs,
-        offsets,
-        dirs: visible.dirs,
-        v_colours,
-        splat_from_visible: visible.splat_from_visible,
-        v_before: &before,
-        v_offsets,
-    };
     let spec = sh_bwd::Spec { degree: sh.degree, offset_texels: bases.texels() };
-    rec.dispatch_spec(bind, sh_bwd::Params { num_visible: dim(visible.count) }, spec, Grid::threads(visible.count))
+    for splats in rec.pieces(sh.sh_coeffs.len() / SH_FLOATS, ROW_BYTES) {
+        let before = rows(v_offsets, bases, &splats);
+        let bind = sh_bwd::Bind {
+            sh_coeffs: &sh.sh_coeffs.part(SH_FLOATS * splats.start..SH_FLOATS * splats.end),
+            offsets: &rows(offsets, bases, &splats),
+            dirs: visible.dirs,
+            v_colours,
+            splat_from_visible: visible.splat_from_visible,
+            v_before: &before,
+            v_offsets: &mut before.alias(),
+        };
+        let (first_splat, num_splats) = (dim(splats.start), dim(splats.len()));
+        let params = sh_bwd::Params { num_visible: dim(visible.count), first_splat, num_splats };
+        rec.dispatch_spec(bind, params, spec, Grid::threads(visible.count))?;
+    }
+    Ok(())
 }

@@ -42,9 +42,14 @@ pub(super) struct BufferInner {
     view: OnceLock<vk::BufferView>,
 }
 
+/// Offset and length of a range in bytes.
+pub(super) type Place = (u64, u64);
+
 /// A named array of `T` in device memory. `&Buffer` is read by a dispatch, `&mut Buffer` written.
 pub struct Buffer<T> {
     pub(super) inner: Arc<BufferInner>,
+    /// First element in `inner`; 0 but for a [`Buffer::part`].
+    first: usize,
     len: usize,
     element: PhantomData<T>,
 }
@@ -97,25 +102,27 @@ impl BufferInner {
         Ok(buffer)
     }
 
+    /// A view of some bytes as texels of `format`, which the caller destroys.
+    pub(super) fn texels_of(&self, format: vk::Format, (offset, bytes): Place) -> Result<vk::BufferView, KernelError> {
+        let limit = u64::from(self.device.info.max_texel_elements);
+        if bytes / TEXEL_BYTES > limit {
+            return Err(KernelError::Unsuitable {
+                device: self.device.info.name.clone(),
+                what: format!("texel buffers of {} elements (limit {limit}) for `{}`", bytes / TEXEL_BYTES, self.name),
+            });
+        }
+        let info = vk::BufferViewCreateInfo::default().buffer(self.handle).format(format).offset(offset).range(bytes);
+        // SAFETY: the buffer is bound and alive; the format is one of the mandatory texel formats; the range lies in the
+        // buffer and begins at a multiple of any alignment that Vulkan lets a device ask for.
+        check("vkCreateBufferView", unsafe { self.device.raw.create_buffer_view(&info, None) })
+    }
+
     /// The whole buffer as texels of `format`, made on first use.
     pub(super) fn texel_view(&self, format: vk::Format) -> Result<vk::BufferView, KernelError> {
         if let Some(view) = self.view.get() {
             return Ok(*view);
         }
-        let limit = u64::from(self.device.info.max_texel_elements);
-        if self.bytes / TEXEL_BYTES > limit {
-            return Err(KernelError::Unsuitable {
-                device: self.device.info.name.clone(),
-                what: format!(
-                    "texel buffers of {} elements (limit {limit}) for `{}`",
-                    self.bytes / TEXEL_BYTES,
-                    self.name
-                ),
-            });
-        }
-        let info = vk::BufferViewCreateInfo::default().buffer(self.handle).format(format).range(vk::WHOLE_SIZE);
-        // SAFETY: the buffer is bound and alive; the format is one of the mandatory texel formats.
-        let view = check("vkCreateBufferView", unsafe { self.device.raw.create_buffer_view(&info, None) })?;
+        let view = self.texels_of(format, (0, self.bytes))?;
         self.device.name_object(view, &self.name);
         if self.view.set(view).is_err() {
             // SAFETY: another thread won the race, so this view is unused.
@@ -171,7 +178,7 @@ impl Device {
     fn zeros<T: Element>(&self, name: &str, len: usize, purpose: Purpose) -> Result<Buffer<T>, KernelError> {
         let bytes = (len * size_of::<T>()) as u64;
         let inner = Arc::new(BufferInner::new(self.inner(), name, bytes, purpose)?);
-        let mut buffer = Buffer { inner, len, element: PhantomData };
+        let mut buffer = Buffer { inner, first: 0, len, element: PhantomData };
         buffer.clear()?;
         Ok(buffer)
     }
@@ -191,7 +198,26 @@ impl<T: Element> Buffer<T> {
     /// Another handle of the same memory, for kernels that read through a texel view what the same
     /// invocation then writes through a storage binding: that is several times faster on CPU drivers.
     pub(crate) fn alias(&self) -> Self {
-        Self { inner: Arc::clone(&self.inner), len: self.len, element: PhantomData }
+        Self { inner: Arc::clone(&self.inner), first: self.first, len: self.len, element: PhantomData }
+    }
+
+    /// A handle of some elements only, which kernels see as a buffer of its own: for buffers that are larger than a
+    /// binding may be. It begins where [`pieces`](crate::Recorder::pieces) begin.
+    pub(crate) fn part(&self, elements: Range<usize>) -> Self {
+        debug_assert!(elements.end <= self.len, "a part of the buffer");
+        Self {
+            inner: Arc::clone(&self.inner),
+            first: self.first + elements.start,
+            len: elements.len(),
+            element: PhantomData,
+        }
+    }
+
+    /// Bytes that a binding covers: whole texels.
+    pub(super) fn place(&self) -> Place {
+        let bytes = |elements: usize| (elements * size_of::<T>()) as u64;
+        let whole = bytes(self.len).next_multiple_of(TEXEL_BYTES).max(TEXEL_BYTES);
+        (bytes(self.first), whole)
     }
 
     /// Number of elements.
@@ -228,7 +254,7 @@ impl<T: Element> Buffer<T> {
         self.check_range("read", range.end)?;
         let mut out = vec![T::zeroed(); range.len()];
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut out);
-        let offset = range.start * size_of::<T>();
+        let offset = (self.first + range.start) * size_of::<T>();
         if let Some(source) = self.inner.mapped() {
             // SAFETY: `source` maps the whole buffer, the range was checked, submissions are waited
             // for before anything reads, and `out` is a fresh host allocation.
@@ -261,7 +287,7 @@ impl<T: Element> Buffer<T> {
     /// [`KernelError::Shape`] when the range leaves the buffer.
     pub fn write_at(&mut self, offset: usize, data: &[T]) -> Result<(), KernelError> {
         self.check_range("write", offset + data.len())?;
-        self.write_bytes(offset * size_of::<T>(), bytemuck::cast_slice(data))
+        self.write_bytes((self.first + offset) * size_of::<T>(), bytemuck::cast_slice(data))
     }
 
     fn clear(&mut self) -> Result<(), KernelError> {

@@ -111,6 +111,9 @@ pub struct DeviceOptions {
     pub host_access: HostAccess,
     /// Which kernels it runs.
     pub kernels: FamilySelect,
+    /// Largest storage binding to use in bytes, where that is less than the device's own limit: for finding out on any
+    /// machine what a smaller device would do. Texel buffers, which lanes read large buffers through, keep theirs.
+    pub max_storage_bytes: Option<u32>,
 }
 
 /// An open Vulkan device; cheap to clone.
@@ -301,7 +304,10 @@ impl Device {
             return Err(KernelError::NoDriver { reason: "the loader finds no device".to_owned() });
         }
         let chosen = select.choose(&infos)?;
-        let (physical, info) = (handles[chosen], infos[chosen].clone());
+        let (physical, mut info) = (handles[chosen], infos[chosen].clone());
+        if let Some(most) = options.max_storage_bytes {
+            info.max_storage_bytes = info.max_storage_bytes.min(most);
+        }
         let family = options.kernels.choose(&info)?;
         let queue_family = instance.compute_family(physical, &info)?;
         let raw = instance.create_device(physical, &info, queue_family)?;

@@ -1,12 +1,13 @@
 //! Recording dispatches and copies with the barriers that `&` and `&mut` imply.
 
 use std::collections::HashSet;
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
 use ash::vk;
 
-use super::buffer::{Buffer, BufferInner, Element};
+use super::buffer::{Buffer, BufferInner, Element, Place};
 use super::check;
 use super::device::{Device, DeviceInfo, DeviceInner};
 use super::family::KernelFamily;
@@ -17,6 +18,9 @@ use crate::error::KernelError;
 const SETS_PER_POOL: u32 = 256;
 /// Passes of one submission that are timed; later ones run untimed.
 const TIMED_PASSES: u32 = 4096;
+
+/// Any device lets a binding begin at multiples of so many bytes: Vulkan allows no coarser alignment.
+const BINDING_STRIDE: usize = 256;
 
 /// How many workgroups to start.
 #[derive(Clone, Copy, Debug)]
@@ -65,6 +69,7 @@ impl Grid {
 /// One buffer of a dispatch.
 pub struct Bound {
     buffer: Arc<BufferInner>,
+    place: Place,
     format: vk::Format,
     writes: bool,
 }
@@ -73,13 +78,13 @@ impl Bound {
     /// The shader only reads it.
     #[must_use]
     pub fn read<T: Element>(buffer: &Buffer<T>) -> Self {
-        Self { buffer: Arc::clone(&buffer.inner), format: T::TEXEL_FORMAT, writes: false }
+        Self { buffer: Arc::clone(&buffer.inner), place: buffer.place(), format: T::TEXEL_FORMAT, writes: false }
     }
 
     /// The shader may write it.
     #[must_use]
     pub fn write<T: Element>(buffer: &mut Buffer<T>) -> Self {
-        Self { buffer: Arc::clone(&buffer.inner), format: T::TEXEL_FORMAT, writes: true }
+        Self { buffer: Arc::clone(&buffer.inner), place: buffer.place(), format: T::TEXEL_FORMAT, writes: true }
     }
 }
 
@@ -176,6 +181,8 @@ pub struct Recorder {
     sets_used: u32,
     /// Kept alive until the fence has signalled.
     buffers: Vec<Arc<BufferInner>>,
+    /// Views of parts of them, destroyed with the recorder.
+    views: Vec<vk::BufferView>,
     pipelines: Vec<Arc<Pipeline>>,
     passes: Vec<&'static str>,
     unsynced_reads: HashSet<vk::Buffer>,
@@ -216,6 +223,7 @@ impl Recorder {
             slot: Some(slot),
             sets_used: 0,
             buffers: Vec::new(),
+            views: Vec::new(),
             pipelines: Vec::new(),
             passes: Vec::new(),
             unsynced_reads: HashSet::new(),
@@ -287,9 +295,10 @@ impl Recorder {
         let bound = [Bound::write(buffer)];
         self.synchronise(&bound);
         let bits = bytemuck::cast(value_bytes(value));
+        let (offset, bytes) = buffer.place();
         // SAFETY: recording is open; the buffer is kept alive until the fence.
         unsafe {
-            self.device.raw.cmd_fill_buffer(self.slot().commands, buffer.inner.handle, 0, vk::WHOLE_SIZE, bits);
+            self.device.raw.cmd_fill_buffer(self.slot().commands, buffer.inner.handle, offset, bytes, bits);
         }
         self.end_pass("fill");
     }
@@ -319,8 +328,8 @@ impl Recorder {
         if len > 0 {
             let size = size_of::<T>();
             let region = vk::BufferCopy {
-                src_offset: (from_offset * size) as u64,
-                dst_offset: (to_offset * size) as u64,
+                src_offset: from.place().0 + (from_offset * size) as u64,
+                dst_offset: to.place().0 + (to_offset * size) as u64,
                 size: (len * size) as u64,
             };
             self.copy_region(&from.inner, &to.inner, region);
@@ -331,8 +340,8 @@ impl Recorder {
     pub(super) fn copy_region(&mut self, from: &Arc<BufferInner>, to: &Arc<BufferInner>, region: vk::BufferCopy) {
         let format = vk::Format::UNDEFINED;
         self.synchronise(&[
-            Bound { buffer: Arc::clone(from), format, writes: false },
-            Bound { buffer: Arc::clone(to), format, writes: true },
+            Bound { buffer: Arc::clone(from), place: (0, from.bytes), format, writes: false },
+            Bound { buffer: Arc::clone(to), place: (0, to.bytes), format, writes: true },
         ]);
         // SAFETY: recording is open; ranges were checked; both buffers are kept until the fence.
         unsafe { self.device.raw.cmd_copy_buffer(self.slot().commands, from.handle, to.handle, &[region]) };
@@ -482,24 +491,45 @@ impl Recorder {
         let set = check("vkAllocateDescriptorSets", unsafe { self.device.raw.allocate_descriptor_sets(&info) })?[0];
         let limit = u64::from(self.device.info.max_storage_bytes);
         for (def, bound) in kernel.bindings.iter().zip(list) {
-            let buffers = [vk::DescriptorBufferInfo::default().buffer(bound.buffer.handle).range(vk::WHOLE_SIZE)];
+            let (offset, bytes) = bound.place;
+            let buffers = [vk::DescriptorBufferInfo::default().buffer(bound.buffer.handle).offset(offset).range(bytes)];
             let descriptor_type = def.kind.descriptor_type(self.device.family);
             let write =
                 vk::WriteDescriptorSet::default().dst_set(set).dst_binding(def.number).descriptor_type(descriptor_type);
             let views;
             let write = if descriptor_type == vk::DescriptorType::STORAGE_BUFFER {
-                if bound.buffer.bytes > limit {
+                if bytes > limit {
                     return Err(too_large(kernel.name, def.name, bound, limit));
                 }
                 write.buffer_info(&buffers)
             } else {
-                views = [bound.buffer.texel_view(bound.format)?];
+                views = [self.texels(bound)?];
                 write.texel_buffer_view(&views)
             };
             // SAFETY: the set is not in use yet and the infos live through the call.
             unsafe { self.device.raw.update_descriptor_sets(&[write], &[]) };
         }
         Ok(set)
+    }
+
+    /// What a texel binding shows: the buffer, or a part of it that is only viewed this once.
+    fn texels(&mut self, bound: &Bound) -> Result<vk::BufferView, KernelError> {
+        if bound.place == (0, bound.buffer.bytes) {
+            return bound.buffer.texel_view(bound.format);
+        }
+        let view = bound.buffer.texels_of(bound.format, bound.place)?;
+        self.views.push(view);
+        Ok(view)
+    }
+
+    /// Splits `rows` rows of at most `row_bytes` each into ranges of which a storage binding can hold one: a single one where it
+    /// can hold all. Kernels that look at one row at a time run once for each, on [`Buffer::part`]s.
+    pub(crate) fn pieces(&self, rows: usize, row_bytes: usize) -> impl Iterator<Item = Range<usize>> + use<> {
+        let most = self.device.info.max_storage_bytes as usize / row_bytes;
+        // So many rows fill whole strides.
+        let step = BINDING_STRIDE >> row_bytes.trailing_zeros().min(BINDING_STRIDE.trailing_zeros());
+        let piece = if most >= rows { rows.max(1) } else { (most / step).max(1) * step };
+        (0..rows.max(1)).step_by(piece).map(move |first| first..(first + piece).min(rows))
     }
 
     /// The pool with room for one more set.
@@ -521,6 +551,10 @@ impl Recorder {
 
 impl Drop for Recorder {
     fn drop(&mut self) {
+        for view in self.views.drain(..) {
+            // SAFETY: it was made on this device, and nothing that was recorded with it runs any more.
+            unsafe { self.device.raw.destroy_buffer_view(view, None) };
+        }
         if let Some(slot) = self.slot.take() {
             self.device.slots.lock().expect("no panic happens while slots are locked").push(slot);
         }
@@ -551,7 +585,7 @@ fn too_large(kernel: &'static str, buffer: &'static str, bound: &Bound, limit: u
     KernelError::Shape {
         kernel,
         buffer,
-        got: format!("`{}` of {} bytes", bound.buffer.name, bound.buffer.bytes),
+        got: format!("`{}` of {} bytes", bound.buffer.name, bound.place.1),
         expected: format!("at most {limit} bytes in one storage binding"),
     }
 }

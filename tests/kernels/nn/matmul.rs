@@ -140,6 +140,37 @@ fn half_precision_follows_the_twin_on_rounded_operands() {
 }
 
 #[test]
+fn half_precision_keeps_small_gradients() {
+    let Some(gpu) = half_device() else { return };
+    let (rows, n, k) = (70, 72, 100);
+    let mut random = Random(9);
+    let (v_c, w) = (random.vec_f32(rows * k, -1.0, 1.0), random.vec_f32(n * k, -1.0, 1.0));
+    let adjoint = PackedWeight::transposed(&gpu, "w", &w, (n, k), Precision::Half).expect("packs");
+    let v_a = |v_c: &[f32]| {
+        let (v_c, mut v_a) = (upload(&gpu, v_c), unwritten(&gpu, rows * n));
+        run(&gpu, |rec| forward(rec, &Product::plain(&v_c, rows, &adjoint), &mut v_a));
+        v_a.read().expect("read")
+    };
+    let times = |v: &[f32], factor: f32| v.iter().map(|v| v * factor).collect::<Vec<_>>();
+    let plain = v_a(&v_c);
+    // Far below what 16 bits hold, and far above; the scale is a power of two, so not a bit may differ.
+    for factor in [2.0f32.powi(-40), 2.0f32.powi(40)] {
+        assert_close(&v_a(&times(&v_c, factor)), &times(&plain, factor), 0.0, 0.0);
+    }
+    // Larger from one panel of 32 to the next, then smaller: the sums so far are brought to each new scale.
+    let w_t: Vec<f32> = (0..n * k).map(|i| w[(i % k) * n + i / k]).collect();
+    for [start, step] in [[1.0, 64.0], [262_144.0, 1.0 / 64.0f32]] {
+        let by_panel = |v: &[f32]| -> Vec<f32> {
+            v.iter().enumerate().map(|(i, v)| v * start * step.powi((i % k / 32) as i32)).collect()
+        };
+        let identity = twin::Epilogue::Activate(Activation::Identity);
+        let want = twin::forward(&by_panel(&rounded(&v_c)), &rounded(&w_t), &vec![0.0; n], k, identity);
+        // As for clean data, with sums 2^18 times as large.
+        assert_close(&v_a(&by_panel(&v_c)), &want, 1e-4 * 262_144.0, 1e-5);
+    }
+}
+
+#[test]
 fn poison_in_half_precision_stays_in_its_row_or_column() {
     let Some(gpu) = half_device() else { return };
     let (rows, n, k) = (70, 72, 40);

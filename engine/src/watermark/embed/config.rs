@@ -7,11 +7,12 @@ use guard4d_kernels::loss::bce::Objective;
 use rand_chacha::ChaCha20Rng;
 use serde::{Serialize, Serializer};
 
+use crate::distortion::{Distortion, Drawn};
 use crate::error::EngineError;
 use crate::lpips::{LpipsInput, LpipsWeights};
 use crate::render::OffsetBases;
 use crate::watermark::evidence::ExtractorMode;
-use crate::watermark::prf::uniform_below;
+use crate::watermark::prf::{uniform_below, uniform_unit};
 use crate::watermark::tmsd::TmsdConfig;
 
 /// Fidelity of both profiles, dB: what the field reports for marks that nobody sees is 40 to 50.
@@ -181,6 +182,10 @@ pub struct EmbedConfig {
     pub lpips: Option<LpipsTerm>,
     /// Weight of the offset penalty (Guard4D: 10).
     pub lambda_offset: f32,
+    /// Distortions that training draws from, each as often as none at all; the clip and its control go through the same
+    /// (expectation over transformations, as in the field's robust variants). Fidelity is that of the undistorted clip.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub distortions: Vec<Distortion>,
     /// Control loss of `joint`.
     pub control: Control,
     /// Weight of each control branch against the message loss.
@@ -241,6 +246,7 @@ impl EmbedConfig {
             lambda_recon: 0.0,
             lambda_ssim: 0.2,
             lpips: None,
+            distortions: Vec::new(),
             lambda_offset: 0.0,
             control: Control::InverseBce { eps: 0.5 },
             lambda_control: 0.05,
@@ -316,6 +322,15 @@ impl EmbedConfig {
             Ok(spare) => uniform_below(rng, spare + 1) as usize,
         };
         Some([first(frame.height, part.height), first(frame.width, part.width)])
+    }
+
+    /// What the clip of step number `step` goes through before CLIP sees it, if anything.
+    pub(super) fn distortion_turn(&self, step: usize, rng: &mut ChaCha20Rng) -> Option<Drawn> {
+        let kinds = u32::try_from(self.distortions.len()).ok().filter(|n| *n > 0)?;
+        let index = uniform_below(rng, kinds + 1) as usize;
+        let share = uniform_unit(rng);
+        let stream = u32::try_from(step).unwrap_or(u32::MAX);
+        (index < self.distortions.len()).then_some(Drawn { index, share, seed: !self.seed, stream })
     }
 
     /// Steps after which controls and LPIPS come in the same order again.

@@ -3,6 +3,7 @@
 mod checkpoint;
 mod clips;
 mod config;
+mod copies;
 mod cost;
 mod estimate;
 mod fit;
@@ -216,6 +217,7 @@ impl<'a> Embedding<'a> {
             stream: u32::try_from(self.step).unwrap_or(u32::MAX),
             control: config.control_turn(self.step),
             lpips: config.lpips_turn(self.step, &mut rng),
+            distortion: config.distortion_turn(self.step, &mut rng),
         };
         let (mut report, timings) = self.critic.step(self.subject.device, &mut self.stage, &clip, config, rates)?;
         if !(report.total.is_finite() && report.mse.is_finite()) {

@@ -18,8 +18,10 @@ use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
 
 use super::clips::TrainingClip;
 use super::config::{ControlTurn, EmbedConfig};
+use super::copies::Copies;
 use super::perception::Perception;
 use super::pool::{ClipPool, is_over_budget};
+use crate::distortion::Drawn;
 use crate::error::EngineError;
 use crate::render::{OffsetBases, Offsets, Renderer};
 use crate::scene::Model;
@@ -51,12 +53,14 @@ pub(super) struct Stage {
     v_offsets: Buffer<f32>,
     penalty_sums: SumScratch,
     pub(super) raw: Buffer<f32>,
-    marked: Buffer<f32>,
+    pub(super) marked: Buffer<f32>,
     /// Gradient of the losses that look at pixels; empty when none has a weight.
-    v_marked: Buffer<f32>,
-    v_raw: Buffer<f32>,
+    pub(super) v_marked: Buffer<f32>,
+    pub(super) v_raw: Buffer<f32>,
     pub(super) resized: Buffer<f32>,
     pub(super) noisy_resized: Buffer<f32>,
+    /// Room for distorted clips, where training has some.
+    pub(super) copies: Option<Copies>,
 }
 
 impl Stage {
@@ -86,6 +90,7 @@ impl Stage {
             v_raw: full("v_raw")?,
             resized: small("resized")?,
             noisy_resized: small("noisy_resized")?,
+            copies: Copies::new(device, config)?,
         })
     }
 
@@ -155,6 +160,8 @@ pub(super) struct Rates {
     pub(super) control: ControlTurn,
     /// First row and column of what is compared by LPIPS, in the steps that do.
     pub(super) lpips: Option<[usize; 2]>,
+    /// What both clips go through before CLIP sees them.
+    pub(super) distortion: Option<Drawn>,
 }
 
 /// Both parameter groups of the offsets.
@@ -296,6 +303,9 @@ impl Critic {
         if let (Some(perception), Some(corner)) = (&mut self.perception, rates.lpips) {
             perception.step(&mut rec, (&stage.marked, &clip.reference), corner, &mut stage.v_marked)?;
         }
+        if let Some(drawn) = rates.distortion {
+            stage.distort(&mut rec, drawn)?;
+        }
         self.logits(&mut rec, stage, clip, config, rates)?;
         self.message_losses(&mut rec, config, rates)?;
         self.update(&mut rec, stage, clip, config, rates)?;
@@ -343,10 +353,14 @@ impl Critic {
         config: &EmbedConfig,
         rates: Rates,
     ) -> Result<(), KernelError> {
-        match self.control(rates) {
-            ControlTurn::Skipped => self.features.forward(rec, &[&stage.resized])?,
-            ControlTurn::Clean => self.features.forward(rec, &[&stage.resized, &clip.resized])?,
-            ControlTurn::Noisy => {
+        match (self.control(rates), rates.distortion) {
+            (ControlTurn::Skipped, _) => self.features.forward(rec, &[&stage.resized])?,
+            (ControlTurn::Clean | ControlTurn::Noisy, Some(drawn)) => {
+                stage.distort_control(rec, clip, drawn)?;
+                self.features.forward(rec, &[&stage.resized, &stage.noisy_resized])?;
+            }
+            (ControlTurn::Clean, None) => self.features.forward(rec, &[&stage.resized, &clip.resized])?,
+            (ControlTurn::Noisy, None) => {
                 stage.noisy(rec, clip, &Noise { sigma: rates.sigma, seed: config.seed, stream: rates.stream })?;
                 self.features.forward(rec, &[&stage.resized, &stage.noisy_resized])?;
             }
@@ -406,9 +420,13 @@ impl Critic {
         let pass = &mut self.passes[pass];
         self.decoder.backward(rec, pass)?;
         self.features.backward(rec, &pass.v_features, training)?;
-        let plus = Some(&stage.v_marked).filter(|v| !v.is_empty());
-        let into = (&mut stage.v_raw, Onward { plus, clamped: Some(&stage.raw) });
-        resize::backward(rec, &stage.resize, &self.features.v_x, into, &mut stage.resize_scratch)?;
+        if let Some(drawn) = rates.distortion {
+            stage.undistort(rec, drawn, &self.features.v_x)?;
+        } else {
+            let plus = Some(&stage.v_marked).filter(|v| !v.is_empty());
+            let into = (&mut stage.v_raw, Onward { plus, clamped: Some(&stage.raw) });
+            resize::backward(rec, &stage.resize, &self.features.v_x, into, &mut stage.resize_scratch)?;
+        }
         rec.fill(&mut stage.v_offsets, 0.0);
         let offsets = Offsets { data: &stage.offsets, bases: stage.bases };
         stage.renderer.backward_clip(rec, &clip.plans, offsets, &stage.v_raw, &mut stage.v_offsets)?;

@@ -1,0 +1,47 @@
+//! Frames as a folder of pictures or a video, whole or not at all.
+
+use std::num::NonZeroU32;
+
+use guard4d_engine::EngineError;
+use guard4d_engine::media::Frame;
+use guard4d_engine::media::clip::FrameRate;
+use guard4d_engine::media::encode::{EncodeOptions, Mp4Writer};
+use guard4d_engine::media::frames::{png_name, write_png};
+use guard4d_engine::output::{AtomicDir, Existing};
+
+use crate::args::FilmArgs;
+use crate::media::ffmpeg;
+
+/// Writes the frames, all of `size` (width, height) in pixels, that `shoot` hands to its argument.
+pub(crate) fn write(
+    args: &FilmArgs,
+    size: (u32, u32),
+    shoot: impl FnOnce(&mut dyn FnMut(Frame) -> Result<(), EngineError>) -> Result<(), EngineError>,
+) -> Result<(), EngineError> {
+    let existing = if args.overwrite { Existing::Replace } else { Existing::Refuse };
+    if args.out.extension().is_some_and(|e| e == "mp4") {
+        let fps = NonZeroU32::new(args.fps).ok_or_else(|| EngineError::Usage {
+            what: "--fps".to_owned(),
+            got: "0".to_owned(),
+            expected: "at least 1".to_owned(),
+        })?;
+        let options = EncodeOptions {
+            ffmpeg: ffmpeg(),
+            frame_rate: FrameRate::per_second(fps),
+            crf: args.crf,
+            existing,
+            ..EncodeOptions::default()
+        };
+        let mut writer = Mp4Writer::start(&args.out, size, &options)?;
+        shoot(&mut |frame| writer.push(&frame))?;
+        return writer.finish();
+    }
+    let folder = AtomicDir::create(&args.out, existing)?;
+    let mut number = 0;
+    shoot(&mut |frame| {
+        let path = folder.path().join(png_name(number));
+        number += 1;
+        write_png(&path, &frame)
+    })?;
+    folder.commit()
+}
