@@ -27,7 +27,9 @@ use guard4d_kernels::Device;
 use guard4d_kernels::vk::MemoryUse;
 use serde::Serialize;
 
-use crate::args::{BasesArg, Common, EffortArgs, EmbedArgs, ExtractorArg, LpipsArgs, LpipsInputArg, ProfileArg};
+use crate::args::{
+    BasesArg, Common, EffortArgs, EmbedArgs, ExtractorArg, FitArg, LpipsArgs, LpipsInputArg, ProfileArg,
+};
 use crate::devices;
 use crate::progress::bar;
 use crate::report::{Outcome, cost_rows, evidence_in_words, note, print, reading_rows, say, table};
@@ -115,7 +117,7 @@ impl Inputs {
         let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
         let message = Payload::parse(&args.message, bits)?.message(&key.prf())?;
         let cameras = cameras(&args.views)?;
-        Ok(Self { device, clip, key, model, message, cameras, config: config(args)?, gate })
+        Ok(Self { device, clip, key, model, message, cameras, config: config(args, &gate)?, gate })
     }
 
     fn subject(&self) -> Subject<'_> {
@@ -165,7 +167,7 @@ fn gate(args: &EmbedArgs, bits: usize) -> Result<Gate, EngineError> {
 }
 
 /// The profile's numbers with what flags change.
-fn config(args: &EmbedArgs) -> Result<EmbedConfig, EngineError> {
+fn config(args: &EmbedArgs, gate: &Gate) -> Result<EmbedConfig, EngineError> {
     let profile = match args.profile {
         ProfileArg::Draft => Profile::Draft,
         ProfileArg::Balanced => Profile::Balanced,
@@ -189,7 +191,11 @@ fn config(args: &EmbedArgs) -> Result<EmbedConfig, EngineError> {
         config = config.with_target(target);
     }
     config.lpips = lpips(&args.lpips)?;
-    Ok(config)
+    Ok(match args.fit {
+        #[allow(clippy::cast_possible_truncation, reason = "a share from 0 to 1")]
+        FitArg::Auto => config.until_enough(gate.min_accuracy as f32),
+        FitArg::Full => config,
+    })
 }
 
 /// The network that flags name, and what is done with it.
