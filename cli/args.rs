@@ -261,7 +261,8 @@ pub(crate) struct EmbedArgs {
     /// CLIP checkpoint that the key was made with: `mini` or a folder
     #[arg(long, default_value = "mini")]
     pub(crate) clip: String,
-    /// hex:…, bits:… or random: the key's own message, the same in every model
+    /// hex:…, bits:…, id:12:N or id:16:N (a number that survives wrong bits), or random: the key's own message, the
+    /// same in every model
     #[arg(long, default_value = "random")]
     pub(crate) message: String,
     #[command(flatten)]

@@ -40,6 +40,12 @@ fn refusals_name_the_limits() {
     assert!(refused("cafe", 16).contains("random"));
     assert!(refused("", 16).contains("random"));
     refused("hex:", 16);
+    assert!(refused("id:12:4096", 32).contains("0 to 4095"));
+    assert!(refused("id:16:1", 16).contains("multiple of 8, 24 to 128 bits"), "no bit to spare");
+    assert!(refused("id:12:1", 8).contains("16 to 128 bits"), "too short");
+    for text in ["id:12:", "id:12", "id:", "id:13:1", "id:12:+1", "id:12:0x1", "id:12:99999999999", "id:12:1:2"] {
+        assert!(refused(text, 32).contains("id:16:N"), "{text}");
+    }
     refused("random", 0);
     refused("random", 129);
     refused(&"é".repeat(5000), 16);
@@ -118,6 +124,7 @@ proptest! {
     fn no_text_panics(text in ".{0,40}", num_bits: u32) {
         let _any = Payload::parse(&text, num_bits);
         let _any = Payload::parse(&format!("hex:{text}"), num_bits);
+        let _any = Payload::parse(&format!("id:12:{text}"), num_bits);
     }
 }
 

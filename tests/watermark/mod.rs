@@ -4,6 +4,7 @@ mod decoder;
 mod embedding;
 mod evidence;
 mod gate;
+mod id_code;
 pub(crate) mod key;
 mod message;
 mod metrics;

@@ -4,6 +4,7 @@ use std::fmt;
 
 use rand_chacha::rand_core::Rng;
 
+use super::id_code::{IdBits, IdCode};
 use super::prf::{Prf, Purpose};
 use crate::EngineError;
 
@@ -127,8 +128,13 @@ impl Message {
         prf.mac(Purpose::MessageMac, &data)
     }
 
-    fn xor(&self, pad: &Self) -> Self {
-        Self { value: self.value ^ pad.value, num_bits: self.num_bits }
+    /// Bits that differ between this and `pad`.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] if the lengths differ.
+    pub(super) fn xor(&self, pad: &Self) -> Result<Self, EngineError> {
+        self.hamming(pad)?;
+        Ok(Self { value: self.value ^ pad.value, num_bits: self.num_bits })
     }
 }
 
@@ -157,24 +163,35 @@ pub enum Payload {
     Random(u32),
     /// These bits.
     Chosen(Message),
+    /// A small number, spread over all bits by a code that corrects errors.
+    Id {
+        /// The code of its length and the key's.
+        code: IdCode,
+        /// The number.
+        id: u32,
+    },
 }
 
 impl Payload {
-    /// Reads `random`, `hex:…` (⌈L/4⌉ digits) or `bits:…` (L digits) for an extractor of `num_bits` bits.
+    /// Reads `random`, `hex:…` (⌈L/4⌉ digits), `bits:…` (L digits), `id:12:N` or `id:16:N` (N in decimal) for an
+    /// extractor of `num_bits` bits.
     ///
     /// # Errors
-    /// [`EngineError::Usage`] naming what is accepted: unknown form, foreign digits, wrong length.
+    /// [`EngineError::Usage`] naming what is accepted: unknown form, foreign digits, wrong length, a key too short.
     pub fn parse(text: &str, num_bits: u32) -> Result<Self, EngineError> {
         check_length(num_bits)?;
         if text == "random" {
             return Ok(Self::Random(num_bits));
+        }
+        if text.starts_with("id:") {
+            return parse_id(text, num_bits);
         }
         let (digits, radix, num_digits, kind) = if let Some(digits) = text.strip_prefix("hex:") {
             (digits, 16, num_bits.div_ceil(4), "hexadecimal digits")
         } else if let Some(digits) = text.strip_prefix("bits:") {
             (digits, 2, num_bits, "digits 0 or 1")
         } else {
-            return Err(unreadable(text, "`random`, `hex:…` or `bits:…`".to_owned()));
+            return Err(unreadable(text, "`random`, `hex:…`, `bits:…`, `id:12:N` or `id:16:N`".to_owned()));
         };
         let expected = || format!("{num_digits} {kind} for a key of {num_bits} bits");
         if !digits.chars().all(|digit| digit.is_digit(radix)) {
@@ -201,7 +218,17 @@ impl Payload {
                 let index = u64::from(*num_bits);
                 Message::random(*num_bits, &mut prf.stream(Purpose::Message, index))
             }
-            Self::Chosen(payload) => Ok(payload.xor(&pad(prf, payload.num_bits)?)),
+            Self::Chosen(payload) => payload.xor(&pad(prf, payload.num_bits)?),
+            Self::Id { code, id } => code.message(*id, &code.pad(prf)?),
+        }
+    }
+
+    /// The kind of id that this is, if it is one.
+    #[must_use]
+    pub fn id_bits(&self) -> Option<IdBits> {
+        match self {
+            Self::Id { code, .. } => Some(code.id_bits()),
+            Self::Random(_) | Self::Chosen(_) => None,
         }
     }
 
@@ -210,11 +237,29 @@ impl Payload {
     /// # Errors
     /// [`EngineError::Usage`] if the number of bits is out of range.
     pub fn from_message(message: &Message, prf: &Prf) -> Result<Self, EngineError> {
-        Ok(Self::Chosen(message.xor(&pad(prf, message.num_bits)?)))
+        Ok(Self::Chosen(message.xor(&pad(prf, message.num_bits)?)?))
     }
 }
 
-fn pad(prf: &Prf, num_bits: u32) -> Result<Message, EngineError> {
+/// `id:12:N` and `id:16:N`.
+fn parse_id(text: &str, num_bits: u32) -> Result<Payload, EngineError> {
+    let expected = || "`id:12:N` or `id:16:N` with a decimal number N that these bits hold".to_owned();
+    let (kind, digits) = text.rsplit_once(':').ok_or_else(|| unreadable(text, expected()))?;
+    let id_bits = IdBits::parse(kind).ok_or_else(|| unreadable(text, expected()))?;
+    if !digits.bytes().all(|digit| digit.is_ascii_digit()) {
+        return Err(unreadable(text, expected()));
+    }
+    let id = digits.parse().map_err(|_| unreadable(text, expected()))?;
+    let code = IdCode::new(id_bits, num_bits)?;
+    code.codeword(id)?;
+    Ok(Payload::Id { code, id })
+}
+
+/// What makes a chosen payload uniformly distributed.
+///
+/// # Errors
+/// [`EngineError::Usage`] if the number of bits is out of range.
+pub(super) fn pad(prf: &Prf, num_bits: u32) -> Result<Message, EngineError> {
     Message::random(num_bits, &mut prf.stream(Purpose::PayloadPad, u64::from(num_bits)))
 }
 

@@ -12,6 +12,7 @@ pub mod evaluate;
 pub mod evidence;
 pub mod extractor;
 pub mod gate;
+pub mod id_code;
 pub mod key;
 pub mod message;
 pub mod metrics;

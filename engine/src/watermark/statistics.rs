@@ -37,6 +37,22 @@ pub fn required_matches(num_bits: u32, fpr: f64) -> Option<u32> {
     (0..=num_bits).find(|&k| match_p_value(k, num_bits) <= fpr)
 }
 
+/// False-positive rates at which thresholds are shown.
+pub const SHOWN_RATES: [f64; 3] = [1e-3, 1e-6, 1e-9];
+
+/// Fewest matches of `num_bits` at each of [`SHOWN_RATES`], for a message that was chosen from `searched` after reading.
+#[must_use]
+pub fn shown_thresholds(num_bits: u32, searched: u32) -> [Option<u32>; 3] {
+    SHOWN_RATES.map(|fpr| required_matches(num_bits, fpr / f64::from(searched)))
+}
+
+/// p-value of the best of `searched` messages, from that of one message fixed beforehand (union bound, at most 1).
+#[must_use]
+pub fn after_search(p_value: f64, searched: u32) -> f64 {
+    // Unlike `min`, `clamp` keeps a NaN, which no threshold is ever reached by.
+    (p_value * f64::from(searched)).clamp(0.0, 1.0)
+}
+
 /// Range of match counts that chance stays inside with the probability `confidence` or more, with at
 /// most (1 − confidence)/2 on either side. A count outside it on *either* side says something about
 /// the message: bits that are consistently wrong tell as much as bits that are right.
