@@ -198,6 +198,14 @@ pub(crate) enum ProfileArg {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FitArg {
+    /// Stop when clips that training never sees show, beyond doubt, the bits that the quality gate asks for at the fidelity asked for
+    Auto,
+    /// Take all steps of the profile: the strongest mark
+    Full,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ExtractorArg {
     /// CLIP and the decoder alone: exact p-values
     None,
@@ -268,6 +276,9 @@ pub(crate) struct EmbedArgs {
     /// How much work to spend
     #[arg(long, value_enum, default_value = "balanced")]
     pub(crate) profile: ProfileArg,
+    /// Whether to stop as soon as the mark is good enough
+    #[arg(long, value_enum, default_value = "full")]
+    pub(crate) fit: FitArg,
     /// What a frame passes through before CLIP, and so what a match proves
     #[arg(long, value_enum, default_value = "blind")]
     pub(crate) extractor: ExtractorArg,

@@ -28,7 +28,9 @@ use guard4d_kernels::Device;
 use guard4d_kernels::vk::MemoryUse;
 use serde::Serialize;
 
-use crate::args::{BasesArg, Common, EffortArgs, EmbedArgs, ExtractorArg, LpipsArgs, LpipsInputArg, ProfileArg};
+use crate::args::{
+    BasesArg, Common, EffortArgs, EmbedArgs, ExtractorArg, FitArg, LpipsArgs, LpipsInputArg, ProfileArg,
+};
 use crate::devices;
 use crate::progress::bar;
 use crate::report::{Outcome, cost_rows, evidence_in_words, note, print, reading_rows, say, table};
@@ -118,7 +120,7 @@ impl Inputs {
         }
         let message = payload.message(&key.prf())?;
         let (payload, cameras) = (payload.id_bits(), cameras(&args.views)?);
-        Ok(Self { device, clip, key, model, message, payload, cameras, config: config(args)?, gate })
+        Ok(Self { device, clip, key, model, message, payload, cameras, config: config(args, &gate)?, gate })
     }
 
     fn subject(&self) -> Subject<'_> {
@@ -168,7 +170,7 @@ fn gate(args: &EmbedArgs, bits: usize, searched: u32) -> Result<Gate, EngineErro
 }
 
 /// The profile's numbers with what flags change.
-fn config(args: &EmbedArgs) -> Result<EmbedConfig, EngineError> {
+fn config(args: &EmbedArgs, gate: &Gate) -> Result<EmbedConfig, EngineError> {
     let profile = match args.profile {
         ProfileArg::Draft => Profile::Draft,
         ProfileArg::Balanced => Profile::Balanced,
@@ -192,7 +194,11 @@ fn config(args: &EmbedArgs) -> Result<EmbedConfig, EngineError> {
         config = config.with_target(target);
     }
     config.lpips = lpips(&args.lpips)?;
-    Ok(config)
+    Ok(match args.fit {
+        #[allow(clippy::cast_possible_truncation, reason = "a share from 0 to 1")]
+        FitArg::Auto => config.until_enough(gate.min_accuracy as f32),
+        FitArg::Full => config,
+    })
 }
 
 /// The network that flags name, and what is done with it.

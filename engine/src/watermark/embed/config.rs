@@ -7,6 +7,7 @@ use guard4d_kernels::loss::bce::Objective;
 use rand_chacha::ChaCha20Rng;
 use serde::{Serialize, Serializer};
 
+use super::enough::StopRule;
 use crate::distortion::{Distortion, Drawn};
 use crate::error::EngineError;
 use crate::lpips::{LpipsInput, LpipsWeights};
@@ -213,6 +214,9 @@ pub struct EmbedConfig {
     /// what names one.
     #[serde(skip)]
     pub held_out_every: usize,
+    /// When training ends before its last step; `None` takes all steps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stop: Option<StopRule>,
 }
 
 impl EmbedConfig {
@@ -261,6 +265,7 @@ impl EmbedConfig {
             responses,
             response_level: 0.0,
             held_out_every: DEFAULT_HELD_OUT_EVERY,
+            stop: None,
         }
         .with_target(DEFAULT_TARGET_PSNR)
     }
@@ -280,6 +285,19 @@ impl EmbedConfig {
             response_level: DEFAULT_RESPONSE_LEVEL * f64::from(amplitude),
             ..self
         }
+    }
+
+    /// The same, but no more of it than the asset needs: training ends when held-out clips show a share `sure` of the bits
+    /// beyond doubt at the target fidelity, which is held from the start so that this can be soon.
+    #[must_use]
+    pub fn until_enough(self, sure: f32) -> Self {
+        let stop = Some(StopRule { sure, every: DEFAULT_HELD_OUT_EVERY });
+        Self { start_psnr: self.target_psnr, stop, ..self }
+    }
+
+    /// Whether there are clips that no step is taken on.
+    pub(super) fn has_held_out(&self) -> bool {
+        self.held_out_every > 0 || self.stop.is_some()
     }
 
     /// Whether SSIM is part of the loss.
@@ -363,6 +381,15 @@ impl EmbedConfig {
                 what: "control_every".to_owned(),
                 got: self.control_every.to_string(),
                 expected: "at least 1, and 1 for all but `joint`, which alone has controls".to_owned(),
+            });
+        }
+        if let Some(StopRule { sure, every }) = self.stop
+            && !((0.0..=1.0).contains(&sure) && every > 0)
+        {
+            return Err(EngineError::Usage {
+                what: "bits that end training".to_owned(),
+                got: format!("{sure}, looked for every {every} steps"),
+                expected: "a share from 0 to 1, looked for every step or less often".to_owned(),
             });
         }
         if let Some(term) = &self.lpips {

@@ -5,6 +5,7 @@ mod clips;
 mod config;
 mod copies;
 mod cost;
+mod enough;
 mod estimate;
 mod fit;
 mod perception;
@@ -19,6 +20,7 @@ use rand_chacha::ChaCha20Rng;
 
 pub use config::{Control, EmbedConfig, LpipsTerm, Profile};
 pub use cost::StepPart;
+pub use enough::StopRule;
 pub use estimate::Estimate;
 pub use step::{HeldOutReport, StepReport};
 
@@ -27,13 +29,13 @@ use crate::error::EngineError;
 use crate::render::OffsetBases;
 use crate::scene::gaussians::{CHANNELS, SH_FLOATS};
 use crate::scene::{Camera, Model};
-use crate::train::schedule::cosine;
 use crate::watermark::decoder::Decoder;
 use crate::watermark::digest::Digest;
 use crate::watermark::extractor::{ExtractorWeights, FeatureExtractor, Training};
 use crate::watermark::key::Key;
 use crate::watermark::message::Message;
 use crate::watermark::prf::{Purpose as Stream, uniform_below, uniform_unit};
+use enough::Standing;
 use pool::{ClipPool, is_over_budget};
 use step::{Critic, Rates, Stage};
 
@@ -114,6 +116,8 @@ pub struct Embedding<'a> {
     mean_mse: Option<f32>,
     keep: f32,
     step: usize,
+    /// Whether it is good enough by its rule.
+    standing: Standing,
     seconds: BTreeMap<String, f64>,
     device_seconds: BTreeMap<&'static str, f64>,
 }
@@ -177,6 +181,7 @@ impl<'a> Embedding<'a> {
             mean_mse: None,
             keep: 1.0,
             step: 0,
+            standing: Standing::default(),
             seconds,
             device_seconds: BTreeMap::new(),
         })
@@ -199,7 +204,7 @@ impl<'a> Embedding<'a> {
     /// # Errors
     /// When the device fails, or a loss is not finite.
     pub fn step(&mut self) -> Result<Option<StepReport>, EngineError> {
-        if self.step >= self.config.steps {
+        if self.step >= self.standing.steps(&self.config) {
             return Ok(None);
         }
         let started = Instant::now();
@@ -211,7 +216,7 @@ impl<'a> Embedding<'a> {
         let (low, high) = config.noise_sigma;
         let sigma = low * (high / low).powf(unit(&mut rng));
         let rates = Rates {
-            decay: cosine(self.step, config.steps, config.lr_floor),
+            decay: self.standing.decay(config, self.step),
             keep: self.keep,
             sigma,
             stream: u32::try_from(self.step).unwrap_or(u32::MAX),
@@ -232,14 +237,21 @@ impl<'a> Embedding<'a> {
         if self.is_measured() {
             report.held_out = self.held_out()?;
         }
+        if let (Some(held_out), Some(rule)) = (&report.held_out, self.config.stop)
+            && self.step.is_multiple_of(rule.every)
+        {
+            self.standing.look(&self.config, self.step, held_out);
+        }
         *self.seconds.entry("train".to_owned()).or_default() += started.elapsed().as_secs_f64();
         Ok(Some(report))
     }
 
     /// Whether the step just taken is one whose result is measured on held-out clips.
     fn is_measured(&self) -> bool {
-        let EmbedConfig { held_out_every, steps, .. } = self.config;
-        held_out_every > 0 && (self.step.is_multiple_of(held_out_every) || self.step == steps)
+        let EmbedConfig { held_out_every, stop, .. } = self.config;
+        let asked = held_out_every > 0
+            && (self.step.is_multiple_of(held_out_every) || self.step == self.standing.steps(&self.config));
+        asked || stop.is_some_and(|rule| self.step.is_multiple_of(rule.every))
     }
 
     /// What the mark, as it is now, is worth on the held-out clips; `None` when there are none.

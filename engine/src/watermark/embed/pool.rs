@@ -69,7 +69,7 @@ impl ClipPool {
         let mut rng = prf.stream(Stream::Views, config.seed);
         let mut drawn = shots(config, (config.views, config.seed), &mut rng)?;
         let num_training = drawn.len();
-        if config.held_out_every > 0 {
+        if config.has_held_out() {
             let mut rng = prf.stream(Stream::HeldOutViews, config.seed);
             let cameras = (HELD_OUT_CLIPS, rng.next_u64());
             drawn.extend(shots(config, cameras, &mut rng)?);

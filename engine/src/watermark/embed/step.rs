@@ -135,12 +135,18 @@ pub struct StepReport {
     pub held_out: Option<HeldOutReport>,
 }
 
+/// Standard errors by which a mean logit lies beyond doubt on its side.
+const SURE_DEVIATIONS: f32 = 3.0;
+
 /// What a mark is worth on clips that no step is taken on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldOutReport {
     /// Share of the message's bits that the clips' frames carry. Where R is trained, the zero of each bit is the mean
     /// logit of the unmarked clips, because the extractor's own is set when training ends.
     pub bit_accuracy: f32,
+    /// Share of the message's bits that all these frames together show beyond doubt: whose mean logit lies on the right side of
+    /// that zero by three standard errors of the mean. Frames of a clip are alike, so that the true error is larger.
+    pub sure: f32,
     /// Fidelity in dB, marked against unmarked 8-bit frames; infinite where no mark shows.
     pub psnr: f32,
 }
@@ -522,12 +528,14 @@ impl Critic {
             unmarked.extend_from_slice(of_unmarked);
         }
         let psnr = -10.0 * (squares / clips.len() as f32).log10();
-        let bit_accuracy = share_right(&marked, &column_means(&unmarked, self.target.len()), &self.message);
+        let zero = column_means(&unmarked, self.target.len());
+        let bit_accuracy = share_right(&marked, &zero, &self.message);
+        let sure = share_sure(&marked, &zero, &self.message);
         let sum: f32 = marked.iter().chain(&unmarked).sum();
         if psnr.is_nan() || !sum.is_finite() {
             return Err(EngineError::NotFinite { what: "held-out figures".to_owned(), got: f64::from(psnr + sum) });
         }
-        Ok(HeldOutReport { bit_accuracy, psnr })
+        Ok(HeldOutReport { bit_accuracy, sure, psnr })
     }
 }
 
@@ -536,6 +544,19 @@ fn share_right(logits: &[f32], zero: &[f32], message: &Message) -> f32 {
     let rows = logits.chunks_exact(zero.len());
     let right = rows.flat_map(|row| row.iter().zip(zero).zip(message.bits())).filter(|((o, z), b)| (o > z) == *b);
     right.count() as f32 / logits.len() as f32
+}
+
+/// Share of the message's bits that rows of logits show together, see [`HeldOutReport::sure`].
+fn share_sure(logits: &[f32], zero: &[f32], message: &Message) -> f32 {
+    let columns = zero.len();
+    let means = column_means(logits, columns);
+    let spare = (logits.len() / columns).saturating_sub(1).max(1) as f32;
+    let squares: Vec<f32> = logits.iter().enumerate().map(|(i, v)| (v - means[i % columns]).powi(2) / spare).collect();
+    // The mean over rows of variance shares is the variance of the mean.
+    let variances = column_means(&squares, columns);
+    let sides = means.iter().zip(zero).zip(message.bits()).map(|((m, z), bit)| if bit { m - z } else { z - m });
+    let sure = sides.zip(&variances).filter(|(side, variance)| *side > SURE_DEVIATIONS * variance.sqrt()).count();
+    sure as f32 / columns as f32
 }
 
 /// Mean of each column; zeros without a row.
