@@ -385,9 +385,12 @@ pub(crate) struct VerifyArgs {
     /// Receipt of the embedding; its folder holds the extractor
     #[arg(long)]
     pub(crate) receipt: PathBuf,
-    /// The message claimed, as it was given to `embed`
-    #[arg(long, default_value = "random")]
-    pub(crate) message: String,
+    /// The message claimed, as it was given to `embed`; id:12 or id:16 reads whichever number is there
+    ///
+    /// By default what the receipt says: whichever number is there, or the key's own message. A number that is read and
+    /// not claimed could have been any, and its p-value is multiplied by how many there are.
+    #[arg(long)]
+    pub(crate) message: Option<String>,
     /// The unmarked model, when the owner has it: its clean render is a control
     #[arg(long)]
     pub(crate) original: Option<PathBuf>,
@@ -449,7 +452,7 @@ pub(crate) struct AttackArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct InspectArgs {
-    /// Model folder, PLY, key or receipt
+    /// Model folder, PLY, key (with how many bits have to match) or receipt
     pub(crate) path: PathBuf,
 }
 

@@ -18,7 +18,7 @@ use guard4d_engine::watermark::evaluate::{Evaluation, HeldOut, mean_accuracy, re
 use guard4d_engine::watermark::extractor::Reader;
 use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::prf::MasterSecret;
-use guard4d_engine::watermark::verify::{Case, Exhibits, Report, clean_clips};
+use guard4d_engine::watermark::verify::{Case, Exhibits, Report, Sought, clean_clips};
 use serde::Serialize;
 
 use crate::args::{Common, DemoArgs};
@@ -91,13 +91,14 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     note(common, "3/4 render: 8-bit frames of views and times that training never saw");
     let mut cameras = scene.cameras(config.size_px)?;
     cameras.views.truncate(args.short.frames.unwrap_or(usize::MAX));
-    let delivery = Delivery { subject, config: &config, embedded: &embedded, input: Path::new(INPUT) };
+    let delivery = Delivery { subject, config: &config, embedded: &embedded, input: Path::new(INPUT), payload: None };
     let film = timed(&mut seconds, "render", || shoot(&delivery, &cameras, out.path()))?;
 
     stop::check()?;
     note(common, "4/4 verify: from the video alone");
     let receipt = out.path().join(PRIVATE).join(RECEIPT);
-    let case = Case { device: &device, clip: &clip, key: &owner, message, receipt: &receipt };
+    let sought = Some(Sought::Message(message));
+    let case = Case { device: &device, clip: &clip, key: &owner, sought, receipt: &receipt };
     let exhibits = Exhibits { suspects: vec![out.path().join(VIDEO)], clean: film.clean, ..Exhibits::default() };
     let verification = timed(&mut seconds, "verify", || case.verify(&exhibits, &read_options()))?;
 

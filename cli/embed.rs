@@ -20,6 +20,7 @@ use guard4d_engine::watermark::embed::{
 use guard4d_engine::watermark::evaluate::Evaluation;
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::gate::{Gate, Shortfall};
+use guard4d_engine::watermark::id_code::IdBits;
 use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::message::{Message, Payload};
 use guard4d_engine::watermark::undo;
@@ -74,7 +75,7 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
         embedding.restore(&checkpoint)?;
     }
     let embedded = train(embedding, config, common, Some((&checkpoint, args.checkpoint_every)))?;
-    let delivery = Delivery { subject, config, embedded: &embedded, input: &args.model };
+    let delivery = Delivery { subject, config, embedded: &embedded, input: &args.model, payload: inputs.payload };
     let (evaluation, _) = delivery::write(out.path(), &delivery, cameras)?;
     out.commit()?;
     remove_checkpoint(&checkpoint);
@@ -99,6 +100,7 @@ struct Inputs {
     key: Key,
     model: Model,
     message: Message,
+    payload: Option<IdBits>,
     cameras: CameraSet,
     config: EmbedConfig,
     gate: Gate,
@@ -109,15 +111,16 @@ impl Inputs {
         let device = devices::open(common)?;
         let clip = devices::load_clip(&device, &ClipSource::from_argument(&args.clip), common)?;
         let key = Key::read(args.key.as_ref().expect("clap requires it without --undo"), &clip)?;
-        let gate = gate(args, key.bits())?;
+        let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
+        let payload = Payload::parse(&args.message, bits)?;
+        let gate = gate(args, key.bits(), payload.id_bits().map_or(1, IdBits::num_ids))?;
         let model = Model::open(&args.model)?;
         for warning in &model.warnings {
             note(common, &format!("note: {warning}"));
         }
-        let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
-        let message = Payload::parse(&args.message, bits)?.message(&key.prf())?;
-        let cameras = cameras(&args.views)?;
-        Ok(Self { device, clip, key, model, message, cameras, config: config(args, &gate)?, gate })
+        let message = payload.message(&key.prf())?;
+        let (payload, cameras) = (payload.id_bits(), cameras(&args.views)?);
+        Ok(Self { device, clip, key, model, message, payload, cameras, config: config(args, &gate)?, gate })
     }
 
     fn subject(&self) -> Subject<'_> {
@@ -156,9 +159,9 @@ fn judge(missed: &[Shortfall]) -> Outcome {
     if missed.is_empty() { Outcome::Done } else { Outcome::Negative }
 }
 
-/// What flags ask of the result, or what its message length needs.
-fn gate(args: &EmbedArgs, bits: usize) -> Result<Gate, EngineError> {
-    let mut gate = Gate { min_psnr_db: args.min_psnr, ..Gate::for_bits(bits) };
+/// What flags ask of the result, or what a message of its length needs that is one of so many.
+fn gate(args: &EmbedArgs, bits: usize, searched: u32) -> Result<Gate, EngineError> {
+    let mut gate = Gate { min_psnr_db: args.min_psnr, ..Gate::after_search(bits, searched) };
     if let Some(share) = args.min_accuracy {
         gate.min_accuracy = share;
     }

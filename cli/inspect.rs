@@ -3,7 +3,10 @@
 use guard4d_engine::EngineError;
 use guard4d_engine::scene::Model;
 use guard4d_engine::tensor_file::TensorFile;
+use guard4d_engine::watermark::id_code::{IdBits, IdCode};
+use guard4d_engine::watermark::message::MAX_MESSAGE_BITS;
 use guard4d_engine::watermark::receipt::Receipt;
+use guard4d_engine::watermark::statistics::{SHOWN_RATES, shown_thresholds};
 use serde_json::{Value, json};
 
 use crate::args::{Common, InspectArgs};
@@ -27,6 +30,7 @@ fn receipt(args: &InspectArgs) -> Result<Value, EngineError> {
         "kind": "receipt, commitment intact",
         "key_id": receipt.body.promise.key_id.to_string(),
         "bits": receipt.body.promise.num_bits,
+        "payload": receipt.body.promise.payload,
         "extractor": receipt.body.promise.extractor_mode,
         "figures": receipt.body.figures,
         "seconds": receipt.body.seconds,
@@ -39,11 +43,29 @@ fn tensors(args: &InspectArgs) -> Result<Value, EngineError> {
     let file = TensorFile::read(&args.path)?;
     let public = file.meta.iter().filter(|(name, _)| *name != "secret");
     let tensors = file.tensors.iter().map(|(name, tensor)| (name.clone(), json!(tensor.shape)));
-    Ok(json!({
+    let mut facts = json!({
         "kind": file.meta.get("format").map_or("safetensors", String::as_str),
         "meta": public.collect::<std::collections::BTreeMap<_, _>>(),
         "tensors": tensors.collect::<serde_json::Map<_, _>>(),
-    }))
+    });
+    let bits = file.meta.get("bits").and_then(|text| text.parse().ok());
+    if let Some(bits) = bits.filter(|bits| (1..=MAX_MESSAGE_BITS).contains(bits)) {
+        facts["matches_needed"] = matches_needed(bits);
+    }
+    Ok(facts)
+}
+
+/// How many bits of a key's length have to match at each false-positive rate: for a message that was claimed, and for
+/// the best of all ids. Nothing where even all bits prove too little.
+fn matches_needed(bits: u32) -> Value {
+    let row = |searched: u32| -> Value {
+        let needed = SHOWN_RATES.iter().zip(shown_thresholds(bits, searched));
+        needed.map(|(rate, matches)| (format!("{rate:.0e}"), json!(matches))).collect::<serde_json::Map<_, _>>().into()
+    };
+    let mut rows = serde_json::Map::from_iter([("claimed".to_owned(), row(1))]);
+    let codes = IdBits::ALL.into_iter().filter(|id_bits| IdCode::new(*id_bits, bits).is_ok());
+    rows.extend(codes.map(|id_bits| (id_bits.to_string(), row(id_bits.num_ids()))));
+    rows.into()
 }
 
 fn model(args: &InspectArgs) -> Result<Value, EngineError> {

@@ -78,6 +78,7 @@ pub(crate) fn reading_rows(e: &Evaluation) -> Vec<Row> {
         ("extractor", e.mode.to_string()),
         ("evidence", evidence_in_words(e.mode).to_owned()),
         ("bits right, marked clips", format!("{} of {} clips x {} bits", percent(e.marked), e.clips, e.bits)),
+        ("messages without a wrong bit", format!("{} of {} clips", e.exact(), e.clips)),
         ("bits right, single frames", percent(e.marked_frames)),
         ("clean control (50 % is chance)", percent(e.clean)),
         ("noisy control (50 % is chance)", percent(e.noisy)),

@@ -6,23 +6,24 @@ use guard4d_engine::EngineError;
 use guard4d_engine::clip::ClipSource;
 use guard4d_engine::scene::Model;
 use guard4d_engine::watermark::evidence::{PStatement, Verdict};
+use guard4d_engine::watermark::id_code::{IdBits, SearchedP};
 use guard4d_engine::watermark::key::Key;
-use guard4d_engine::watermark::message::Payload;
 use guard4d_engine::watermark::other_keys::OtherKeys;
-use guard4d_engine::watermark::verify::{Case, Exhibits, Report, Stranger, clean_clips};
+use guard4d_engine::watermark::verify::{
+    Case, ClipReading, Exhibits, IdEvidence, Report, Sought, Stranger, clean_clips,
+};
 
 use crate::args::{Common, VerifyArgs};
 use crate::devices;
 use crate::media::read_options;
-use crate::report::{Outcome, evidence_in_words, print, table};
+use crate::report::{Outcome, Row, evidence_in_words, percent, print, table};
 use crate::views::cameras;
 
 pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineError> {
     let device = devices::open(common)?;
     let clip = devices::load_clip(&device, &ClipSource::from_argument(&args.clip), common)?;
     let key = Key::read(&args.key, &clip)?;
-    let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
-    let message = Payload::parse(&args.message, bits)?.message(&key.prf())?;
+    let sought = args.message.as_ref().map(|text| Sought::parse(text, &key)).transpose()?;
     let clean = match &args.original {
         Some(path) => clean_clips(&device, &Model::open(path)?, &cameras(&args.views)?)?,
         None => Vec::new(),
@@ -30,7 +31,7 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
     let stranger = |path: &PathBuf| Ok(Stranger { name: path.display().to_string(), key: Key::read(path, &clip)? });
     let strangers = args.other_key.iter().map(stranger).collect::<Result<_, EngineError>>()?;
     let exhibits = Exhibits { suspects: args.clips.clone(), unrelated: args.unrelated.clone(), clean, strangers };
-    let case = Case { device: &device, clip: &clip, key: &key, message, receipt: &args.receipt };
+    let case = Case { device: &device, clip: &clip, key: &key, sought, receipt: &args.receipt };
     let report = case.verify(&exhibits, &read_options())?;
     print(common, &report, human)?;
     Ok(outcome(&report))
@@ -50,12 +51,18 @@ pub(crate) fn human(report: &Report) -> String {
     let mut rows = vec![
         ("verdict", format!("{:?}", e.verdict).to_uppercase()),
         ("bits", format!("{} of {} match ({} frames)", e.matches, e.num_bits, report.frames)),
+        ("bit accuracy", format!("{}, recovered exactly: {}", percent(e.bit_accuracy), yes_or_no(e.exact))),
         ("evidence", evidence_in_words(e.mode).to_owned()),
         ("p-value", p),
         ("inverted message", format!("{} of {} match", e.panel.inverted.leak.matches, e.num_bits)),
         ("other keys' messages", other_keys_in_words(&e.panel.other_messages)),
         ("other keys' readings", other_keys_in_words(&e.panel.other_readings)),
     ];
+    rows.extend(report.id.iter().flat_map(id_rows));
+    // A single clip has been told of above.
+    if report.clips.len() > 1 {
+        rows.extend(report.clips.iter().map(|clip| ("clip", clip_in_words(clip, e.num_bits))));
+    }
     for control in &e.panel.supplied {
         rows.push((
             "control",
@@ -80,10 +87,45 @@ fn other_keys_in_words(keys: &OtherKeys) -> String {
     format!("the best of {num_keys} throw-away keys matches {most_matches} bits; {as_good} do as well as the claim")
 }
 
+fn id_rows(id: &IdEvidence) -> Vec<Row> {
+    let whose = match id.is_promised {
+        true => "the one of the receipt".to_owned(),
+        false => format!("not {}, the one of the receipt", id.promised),
+    };
+    let ahead = format!("{:.3} a bit; {} is next, {:.3} behind", id.found.score, id.found.runner_up, id.margin);
+    let p = match id.p_value {
+        Some(SearchedP { matches, soft_score, searched }) => {
+            format!("{matches:.2e} at most, as the best of {searched} ({soft_score:.2e} of the soft score)")
+        }
+        None => "none: the extractor was trained with the message".to_owned(),
+    };
+    vec![(id_name(id.id_bits), format!("{}, {whose}", id.found.id)), ("id's logits", ahead), ("id's p-value", p)]
+}
+
+fn id_name(id_bits: IdBits) -> &'static str {
+    match id_bits {
+        IdBits::Twelve => "id of 12 bits",
+        IdBits::Sixteen => "id of 16 bits",
+    }
+}
+
+fn clip_in_words(clip: &ClipReading, num_bits: u32) -> String {
+    let id = clip.id.map(|id| format!(", id {id}")).unwrap_or_default();
+    let ClipReading { name, matches, exact, .. } = clip;
+    format!("{name}: {matches} of {num_bits} match, recovered exactly: {}{id}", yes_or_no(*exact))
+}
+
+fn yes_or_no(answer: bool) -> &'static str {
+    if answer { "yes" } else { "no" }
+}
+
 fn p_in_words(p: &PStatement) -> String {
     match p {
         PStatement::Exact { matches, soft_score } => {
             format!("{matches:.2e} exact, of the matches ({soft_score:.2e} of the soft score)")
+        }
+        PStatement::Searched(SearchedP { matches, soft_score, searched }) => {
+            format!("{matches:.2e} at most, of the best of {searched} messages ({soft_score:.2e} of the soft score)")
         }
         PStatement::Empirical { false_positives, num_clips, bound } => {
             format!("none; {false_positives} of {num_clips} unrelated clips read as well, rate at most {bound:.3}")

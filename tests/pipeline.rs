@@ -17,7 +17,7 @@ use guard4d_engine::watermark::extractor::ExtractorWeights;
 use guard4d_engine::watermark::receipt::Receipt;
 use guard4d_engine::watermark::tmsd::TmsdConfig;
 use guard4d_engine::watermark::undo;
-use guard4d_engine::watermark::verify::{Case, Exhibits, clean_clips};
+use guard4d_engine::watermark::verify::{Case, Exhibits, Sought, clean_clips};
 
 use crate::support::files_below;
 use crate::support::gpu::{Gpu, device};
@@ -260,7 +260,13 @@ fn deliver_and_verify(mode: ExtractorMode) {
 fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
     let receipt = out.join(PRIVATE).join(RECEIPT);
     let message = owner.message;
-    let case = Case { device: gpu, clip: &owner.clip, key: &owner.key, message, receipt: &receipt };
+    let case = Case {
+        device: gpu,
+        clip: &owner.clip,
+        key: &owner.key,
+        sought: Some(Sought::Message(message)),
+        receipt: &receipt,
+    };
     let mut suspects = vec![out.join("preview")];
     if owner.config.mode == ExtractorMode::Blind && crate::support::has_ffmpeg() {
         let model = Model::open(&out.join(MARKED)).expect("the marked model opens");
@@ -273,6 +279,7 @@ fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
         let report = case.verify(&exhibits, &ReadOptions::default()).expect("verifies");
         assert_eq!(report.frames, 2, "frames of {}", path.display());
         let exact = match report.evidence.p_value {
+            PStatement::Searched { .. } => panic!("nothing was searched"),
             PStatement::Exact { matches, soft_score } => {
                 assert!((0.0..=1.0).contains(&matches) && (0.0..=1.0).contains(&soft_score), "{matches}, {soft_score}");
                 true
@@ -284,7 +291,7 @@ fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
         };
         assert_eq!(exact, owner.config.mode != ExtractorMode::Joint, "joint alone has no exact p-value");
     }
-    let other = Case { message: message.inverted(), ..case };
+    let other = Case { sought: Some(Sought::Message(message.inverted())), ..case };
     let refused = other.verify(&Exhibits::default(), &ReadOptions::default()).expect_err("another message");
     assert!(matches!(&refused, EngineError::BadData { field, .. } if field == "message_mac"), "{refused}");
 }

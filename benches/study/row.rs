@@ -151,6 +151,7 @@ fn band(leak: &Leak) -> String {
 fn p_value(m: &Measured) -> (&'static str, f64) {
     match m.examination.evidence.p_value {
         PStatement::Exact { matches, .. } => ("exact", matches),
+        PStatement::Searched(p) => ("bound after search", p.matches),
         PStatement::Empirical { bound, .. } => ("empirical bound", bound),
     }
 }

@@ -17,7 +17,7 @@ use guard4d_engine::watermark::delivery::{EXTRACTOR, RECEIPT, thresholds};
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::extractor::{ExtractorWeights, PREPROCESS, Reader};
 use guard4d_engine::watermark::key::Key;
-use guard4d_engine::watermark::message::Message;
+use guard4d_engine::watermark::message::{Message, Payload};
 use guard4d_engine::watermark::receipt::{Promise, Receipt, ReceiptBody};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -38,7 +38,7 @@ const MARGIN: f32 = 0.01;
 /// An owner whose extractor reads the key's own message from one rendered clip.
 ///
 /// No training makes it so: the zero of every bit is laid beside that clip's logit. Any other clip reads as it falls.
-struct Rigged {
+pub(super) struct Rigged {
     folder: TempDir,
     original: Scene,
 }
@@ -46,13 +46,15 @@ struct Rigged {
 impl Rigged {
     fn get(gpu: &Gpu) -> &'static Self {
         static RIGGED: OnceLock<Rigged> = OnceLock::new();
-        RIGGED.get_or_init(|| Self::new(gpu))
+        RIGGED.get_or_init(|| Self::new(gpu, "random", BITS))
     }
 
-    fn new(gpu: &Gpu) -> Self {
+    /// Of a key of `bits` bits, saying `message` as the command line names it.
+    pub(super) fn new(gpu: &Gpu, message: &str, bits: u32) -> Self {
         let rigged = Self { folder: scratch(), original: Scene::unpack().expect("the scene unpacks") };
         let clip = Clip::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
-        let key_path = put(rigged.path(), "owner.key", &key_bytes(&clip, [7; 32]));
+        let key_path =
+            put(rigged.path(), "owner.key", &key_file_with(&clip, [7; 32], bits, 11).to_bytes().expect("serialises"));
         let key = Key::read(&key_path, &clip).expect("the key fits the checkpoint");
         let model = Model::open(rigged.original.path()).expect("the scene opens");
         let marked: Vec<f32> = model.gaussians.sh_coeffs.iter().map(|h| 1.5 * h).collect();
@@ -63,14 +65,16 @@ impl Rigged {
         )
         .done();
         let frames = read_clip(&suspect, &ReadOptions::default()).expect("our own frames");
-        let message = key.own_message();
+        let payload = Payload::parse(message, bits).expect("a message");
+        let message = payload.message(&key.prf()).expect("a length");
         let extractor = rig(gpu, (&clip, &key), frames.frames(), &message);
         fs::create_dir(rigged.file("private")).expect("writable");
         extractor.write(&rigged.file("private").join(EXTRACTOR), &key, Existing::Refuse).expect("writable");
         let promise = Promise {
             key_id: key.prf().key_id(),
-            num_bits: BITS,
+            num_bits: bits,
             message_mac: message.commitment(&key.prf()),
+            payload: payload.id_bits(),
             token_table: key.table.digest(),
             decoder: key.decoder_digest(),
             extractor_mode: extractor.mode,
@@ -84,16 +88,16 @@ impl Rigged {
         rigged
     }
 
-    fn path(&self) -> &Path {
+    pub(super) fn path(&self) -> &Path {
         self.folder.path()
     }
 
-    fn file(&self, name: &str) -> PathBuf {
+    pub(super) fn file(&self, name: &str) -> PathBuf {
         self.path().join(name)
     }
 
     /// Reads the suspect clip with `key`, and the controls that `more` names.
-    fn verify_with(&self, key: &Path, more: &[&dyn AsRef<OsStr>]) -> Run {
+    pub(super) fn verify_with(&self, key: &Path, more: &[&dyn AsRef<OsStr>]) -> Run {
         let (suspect, receipt) = (self.file("suspect"), self.file("private").join(RECEIPT));
         let args: [&dyn AsRef<OsStr>; 6] = [&"verify", &suspect, &"--key", &key, &"--receipt", &receipt];
         guard4d(&[&args[..], more].concat())
@@ -101,7 +105,7 @@ impl Rigged {
 
     /// The same with the owner's key, as JSON.
     #[track_caller]
-    fn verify(&self, code: i32, more: &[&dyn AsRef<OsStr>]) -> Value {
+    pub(super) fn verify(&self, code: i32, more: &[&dyn AsRef<OsStr>]) -> Value {
         let run = self.verify_with(&self.file("owner.key"), &[more, &[&"--json"]].concat());
         assert_eq!(run.code, code, "{}{}", run.stdout, run.stderr);
         serde_json::from_str(&run.stdout).expect("JSON on stdout")
@@ -130,13 +134,13 @@ fn rig(gpu: &Gpu, (clip, key): (&Clip, &Key), frames: &[Frame], message: &Messag
         calibration: Calibration {
             mean_image: vec![0.0; width],
             // Features have unit length and differ by a few hundredths; bits are to differ by about 1.
-            directions: Random(31).vec_f32(width * BITS as usize, -40.0, 40.0),
-            mean_logits: vec![0.0; BITS as usize],
+            directions: Random(31).vec_f32(width * key.bits(), -40.0, 40.0),
+            mean_logits: vec![0.0; key.bits()],
         },
     };
     let logits = Reader::new(gpu, clip, key, &extractor).and_then(|mut r| r.logits(frames)).expect("reads");
     for (bit, (zero, wanted)) in extractor.calibration.mean_logits.iter_mut().zip(message.bits()).enumerate() {
-        let sum: f32 = logits.iter().skip(bit).step_by(BITS as usize).sum();
+        let sum: f32 = logits.iter().skip(bit).step_by(key.bits()).sum();
         *zero = sum / frames.len() as f32 - if wanted { MARGIN } else { -MARGIN };
     }
     extractor

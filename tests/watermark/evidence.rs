@@ -52,7 +52,7 @@ fn verify(
     rule: &Thresholds,
 ) -> Evidence {
     let throwaway = throwaway(message.num_bits());
-    let claim = Claim { message: *message, mode, reading, throwaway, side_px: 400, controls };
+    let claim = Claim { message: *message, searched: 1, mode, reading, throwaway, side_px: 400, controls };
     judge(&claim, rule).expect("lengths and thresholds fit")
 }
 
@@ -111,7 +111,15 @@ fn few_or_small_frames_are_inconclusive_either_way() {
     }
     let reading = says(&message, 0, 8);
     let throwaway = throwaway(48);
-    let claim = Claim { message, mode: ExtractorMode::None, reading: &reading, throwaway, side_px: 32, controls: &[] };
+    let claim = Claim {
+        message,
+        searched: 1,
+        mode: ExtractorMode::None,
+        reading: &reading,
+        throwaway,
+        side_px: 32,
+        controls: &[],
+    };
     let evidence = judge(&claim, &rule).expect("lengths fit");
     assert_eq!(evidence.verdict, Verdict::Inconclusive);
     assert!(has(&evidence, |r| matches!(r, Reason::FramesTooSmall { .. })), "{:?}", evidence.reasons);
@@ -212,8 +220,15 @@ fn throw_away_keys_read_by_their_own_calibration() {
     let reading = says(&message, 0, 8);
     let judged = |coordinates: &[f64]| {
         let throwaway = &ThrowawayKeys::derive(&prf(), coordinates).expect("finite");
-        let claim =
-            Claim { message, mode: ExtractorMode::None, reading: &reading, throwaway, side_px: 400, controls: &[] };
+        let claim = Claim {
+            message,
+            searched: 1,
+            mode: ExtractorMode::None,
+            reading: &reading,
+            throwaway,
+            side_px: 400,
+            controls: &[],
+        };
         judge(&claim, &Thresholds::default()).expect("lengths fit").panel
     };
     let coordinates = reading.mean_logits();
@@ -294,6 +309,7 @@ fn poison_and_wrong_lengths_are_errors() {
     let reading = noise(16, 8, 0);
     let mut claim = Claim {
         message: owner(32),
+        searched: 1,
         mode: ExtractorMode::None,
         reading: &reading,
         throwaway: throwaway(16),
@@ -305,6 +321,10 @@ fn poison_and_wrong_lengths_are_errors() {
     claim.message = owner(16);
     claim.throwaway = throwaway(32);
     assert_eq!(refused(&claim), 2, "throw-away keys of another length");
+    (claim.throwaway, claim.searched) = (throwaway(16), 0);
+    assert_eq!(refused(&claim), 2, "chosen from nothing");
+    claim.searched = 1;
+    judge(&claim, &Thresholds::default()).expect("nothing else is wrong");
     for poison in [f64::NAN, f64::INFINITY] {
         let refused = ThrowawayKeys::derive(&prf(), &[1.0, poison]).expect_err("coordinates that are no numbers");
         assert_eq!(refused.exit_code(), 70, "{refused}");
@@ -359,4 +379,34 @@ fn reciting_extractors_accuse_no_one() {
     });
     // Expected 0.16 of 300 (p of 26/32 is 5.4e-4); more than 3 has probability 3e-5.
     assert!(present.count() <= 3, "false accusations");
+}
+
+#[test]
+fn a_message_found_by_search_pays_for_the_search() {
+    let (message, reading) = (owner(48), says(&owner(48), 4, 8));
+    let rule = Thresholds::default();
+    let fixed = Claim {
+        message,
+        searched: 1,
+        mode: ExtractorMode::Blind,
+        reading: &reading,
+        throwaway: throwaway(48),
+        side_px: 400,
+        controls: &[],
+    };
+    let alone = judge(&fixed, &rule).expect("fits");
+    let PStatement::Exact { matches: p, .. } = alone.p_value else { panic!("fixed beforehand") };
+    let found = judge(&Claim { searched: 4096, ..fixed.clone() }, &rule).expect("fits");
+    let PStatement::Searched(searched) = found.p_value else { panic!("searched: {:?}", found.p_value) };
+    // 44 of 48 have 7.6e-10 alone: 3.1e-6 as the best of 4096.
+    assert_eq!((searched.matches, searched.searched), (4096.0 * p, 4096));
+    assert_eq!((alone.verdict, found.verdict), (Verdict::Present, Verdict::Inconclusive));
+    assert_eq!((alone.matches_needed, found.matches_needed), (Some(41), Some(45)));
+    assert!(has(&found, |r| matches!(r, Reason::Weak { .. })), "{:?}", found.reasons);
+    let joint = Claim { mode: ExtractorMode::Joint, searched: 4096, ..fixed };
+    let joint = judge(&joint, &Thresholds { fpr: 0.01, ..rule }).expect("fits");
+    assert_eq!(joint.p_value, PStatement::Empirical { false_positives: 0, num_clips: 0, bound: 1.0 });
+    assert_eq!(joint.verdict, Verdict::Inconclusive, "no number of clips pays for the search");
+    let whole = verify(&message, ExtractorMode::Blind, &says(&message, 0, 8), &[], &rule);
+    assert!(whole.exact && !alone.exact, "all bits, or not");
 }

@@ -35,6 +35,7 @@ fn by_default_it_asks_for_what_verify_needs() {
     assert_eq!((share(32), share(48)), (30.0 / 32.0, 41.0 / 48.0), "long messages");
     assert_eq!(share(16), 15.0 / 16.0, "a short message");
     assert_eq!(share(8), 1.0, "too short for any verdict");
+    assert_eq!(Gate::after_search(48, 4096).min_accuracy, 45.0 / 48.0, "the best of 4096 has to be better");
     assert_eq!(Gate::for_bits(16).min_psnr_db, None, "no fidelity unless asked for");
 }
 

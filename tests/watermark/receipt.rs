@@ -5,6 +5,7 @@ use std::fs;
 
 use guard4d_engine::watermark::digest::Digest;
 use guard4d_engine::watermark::evidence::{ExtractorMode, Thresholds};
+use guard4d_engine::watermark::id_code::IdBits;
 use guard4d_engine::watermark::message::Message;
 use guard4d_engine::watermark::metrics::{Decibels, PsnrSummary, SquaredError};
 use guard4d_engine::watermark::prf::{MasterSecret, Prf};
@@ -29,6 +30,7 @@ pub(crate) fn body() -> ReceiptBody {
             key_id: prf(1).key_id(),
             num_bits: 32,
             message_mac: message().commitment(&prf(1)),
+            payload: Some(IdBits::Twelve),
             token_table: Digest::of(b"table"),
             decoder: Digest::of(b"decoder"),
             extractor_mode: ExtractorMode::Blind,
@@ -85,13 +87,14 @@ fn layout_of_the_file_does_not_matter() {
 }
 
 #[test]
-fn receipts_from_before_memory_was_measured_are_read() {
+fn receipts_from_before_memory_and_ids_are_read() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("receipt.json");
-    let earlier = Receipt::seal(ReceiptBody { peak_memory_bytes: None, ..body() }).expect("finite figures");
+    let promise = Promise { payload: None, ..body().promise };
+    let earlier = Receipt::seal(ReceiptBody { peak_memory_bytes: None, promise, ..body() }).expect("finite figures");
     earlier.write(&path).expect("the folder is writable");
     let text = fs::read_to_string(&path).expect("written above");
-    assert!(!text.contains("peak_memory_bytes"), "as an earlier version wrote it: {text}");
+    assert!(!text.contains("peak_memory_bytes") && !text.contains("payload"), "as an earlier version wrote it: {text}");
     assert_eq!(Receipt::read(&path).expect("its commitment holds"), earlier);
 }
 

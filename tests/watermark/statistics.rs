@@ -1,9 +1,10 @@
 //! Published thresholds, exactness against enumeration, uniformity under biased extractors.
 
+use guard4d_engine::watermark::id_code::IdBits;
 use guard4d_engine::watermark::message::Message;
 use guard4d_engine::watermark::prf::{MasterSecret, Prf, Purpose, standard_normal};
 use guard4d_engine::watermark::statistics::{
-    SoftScoreNull, binomial_tail, chance_band, empirical_fpr_bound, match_p_value, required_matches,
+    SoftScoreNull, binomial_tail, chance_band, empirical_fpr_bound, match_p_value, required_matches, shown_thresholds,
 };
 
 fn prf(seed: u8) -> Prf {
@@ -27,8 +28,28 @@ fn thresholds_are_the_published_ones() {
     ];
     for (num_bits, want) in rows {
         assert_eq!([1e-3, 1e-6, 1e-9].map(|fpr| required_matches(num_bits, fpr)), want, "{num_bits} bits");
+        assert_eq!(shown_thresholds(num_bits, 1), want, "{num_bits} bits");
     }
     assert_eq!(required_matches(16, f64::NAN), None);
+}
+
+/// The table in the README is the program's; it has more lengths than the published one, and the best of all ids.
+#[test]
+fn the_table_for_users_is_true() {
+    let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/README.md")).expect("it is there");
+    let (header, rows) =
+        text.split_once("| key | 1e-3 | 1e-6 | 1e-9 | `id:12`: 1e-3 | 1e-6 | 1e-9 |").expect("a table");
+    assert!(!header.is_empty(), "something stands before it");
+    let mut lengths = Vec::new();
+    for row in rows.lines().skip(2).map_while(|line| line.trim().strip_prefix("| ")) {
+        let cells: Vec<&str> = row.trim_end_matches(" |").split(" | ").collect();
+        let num_bits: u32 = cells[0].trim_end_matches(" bits").parse().expect("a length");
+        let shown = |needed: Option<u32>| needed.map_or("–".to_owned(), |k| k.to_string());
+        let row = [1, IdBits::Twelve.num_ids()].map(|searched| shown_thresholds(num_bits, searched).map(shown));
+        assert_eq!(cells[1..], row.concat(), "{num_bits} bits");
+        lengths.push(num_bits);
+    }
+    assert_eq!(lengths, [8, 16, 24, 32, 48, 64, 72, 96, 128]);
 }
 
 #[test]

@@ -10,6 +10,7 @@ use super::embed::{EmbedConfig, Embedded, Subject};
 use super::evaluate::{Evaluation, HeldOut};
 use super::evidence::Thresholds;
 use super::extractor::PREPROCESS;
+use super::id_code::IdBits;
 use super::receipt::{
     BitAccuracies, DeviceRecord, Figures, FileRecord, Promise, Receipt, ReceiptBody, Repeatability, Tool,
 };
@@ -46,6 +47,8 @@ pub struct Delivery<'a> {
     pub embedded: &'a Embedded,
     /// Path of the unmarked model.
     pub input: &'a Path,
+    /// Kind of id that the message carries, if it does.
+    pub payload: Option<IdBits>,
 }
 
 /// The decision rule that goes with a message length.
@@ -61,7 +64,7 @@ pub fn thresholds(bits: usize) -> Thresholds {
 /// # Errors
 /// [`EngineError::Io`] naming the file; when the device fails.
 pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result<(Evaluation, HeldOut), EngineError> {
-    let Delivery { subject, config, embedded, input } = delivery;
+    let Delivery { subject, config, embedded, input, .. } = delivery;
     let device = subject.device;
     let held_out = HeldOut::shoot(device, subject.model, &embedded.sh_coeffs, cameras)?;
     let mut evaluation = held_out.evaluate(device, subject.clip, subject.key, &embedded.extractor, subject.message)?;
@@ -113,6 +116,7 @@ fn promise(delivery: &Delivery<'_>) -> Result<Promise, EngineError> {
         key_id: prf.key_id(),
         num_bits: message.num_bits(),
         message_mac: message.commitment(&prf),
+        payload: delivery.payload,
         token_table: key.table.digest(),
         decoder: key.decoder_digest(),
         extractor_mode: extractor.mode,

@@ -183,6 +183,14 @@ fn summary(errors: impl Iterator<Item = SquaredError>) -> Result<PsnrSummary, En
     })
 }
 
+impl Evaluation {
+    /// Marked clips whose message was read without a wrong bit.
+    #[must_use]
+    pub fn exact(&self) -> usize {
+        self.matches.iter().filter(|&&matches| matches as usize == self.bits).count()
+    }
+}
+
 /// Readings of clips, one each.
 ///
 /// # Errors

@@ -4,11 +4,12 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use super::id_code::SearchedP;
 use super::message::Message;
 use super::null_panel::{Control, ControlKind, NullPanel, PanelLevels};
 use super::other_keys::ThrowawayKeys;
 use super::reading::{Reading, Spread};
-use super::statistics::{SoftScoreNull, empirical_fpr_bound, match_p_value, required_matches};
+use super::statistics::{after_search, empirical_fpr_bound, match_p_value, required_matches};
 use crate::EngineError;
 
 /// How the extractor came about, which decides what may be claimed from it.
@@ -120,8 +121,10 @@ impl Thresholds {
 /// What is claimed, and what was read.
 #[derive(Clone, Debug)]
 pub struct Claim<'a> {
-    /// Message the owner committed to.
+    /// Message the owner committed to, or that was found in the reading.
     pub message: Message,
+    /// Messages that it was chosen from after reading: 1 if it was fixed beforehand.
+    pub searched: u32,
     /// Extractor that read the clip.
     pub mode: ExtractorMode,
     /// Its answer.
@@ -145,13 +148,15 @@ pub enum PStatement {
         /// Of the soft score.
         soft_score: f64,
     },
+    /// Message-blind extractor, and the best of several messages: bounds on the chance that any of them does so well.
+    Searched(SearchedP),
     /// The extractor was trained with the message: only counted false positives on unrelated clips.
     Empirical {
         /// Unrelated clips that match as well as the suspect clip.
         false_positives: u32,
         /// Unrelated clips read.
         num_clips: u32,
-        /// (1 + FP) / (1 + n).
+        /// (1 + FP) / (1 + n), times the messages that the claim was chosen from; at most 1.
         bound: f64,
     },
 }
@@ -242,6 +247,8 @@ pub struct Evidence {
     pub num_bits: u32,
     /// Bits that match.
     pub matches: u32,
+    /// Whether all bits of the message were read right.
+    pub exact: bool,
     /// Matches needed for "present" by [`DecisionStatistic::Matches`]; none if impossible.
     pub matches_needed: Option<u32>,
     /// `matches / num_bits`.
@@ -270,6 +277,13 @@ pub struct Evidence {
 /// [`EngineError::Usage`] for inconsistent lengths or thresholds.
 pub fn judge(claim: &Claim<'_>, thresholds: &Thresholds) -> Result<Evidence, EngineError> {
     thresholds.validate()?;
+    if claim.searched == 0 {
+        return Err(EngineError::Usage {
+            what: "messages searched".to_owned(),
+            got: "0".to_owned(),
+            expected: "at least 1".to_owned(),
+        });
+    }
     let Claim { message, reading, .. } = claim;
     let num_bits = message.num_bits();
     let matches = reading.matches(message)?;
@@ -277,7 +291,7 @@ pub fn judge(claim: &Claim<'_>, thresholds: &Thresholds) -> Result<Evidence, Eng
     let panel = NullPanel::run(claim, &levels)?;
     let p_value = state_p_value(claim, &panel)?;
     let (verdict, reasons) = decide(claim, thresholds, &p_value, &panel);
-    let alone = thresholds.fpr / f64::from(thresholds.num_claims);
+    let alone = thresholds.fpr / f64::from(thresholds.num_claims) / f64::from(claim.searched);
     Ok(Evidence {
         verdict,
         reasons,
@@ -285,6 +299,7 @@ pub fn judge(claim: &Claim<'_>, thresholds: &Thresholds) -> Result<Evidence, Eng
         num_frames: reading.num_frames(),
         num_bits,
         matches,
+        exact: matches == num_bits,
         matches_needed: required_matches(num_bits, alone),
         bit_accuracy: f64::from(matches) / f64::from(num_bits),
         frame_accuracy: reading.frame_accuracy(message)?,
@@ -297,33 +312,31 @@ pub fn judge(claim: &Claim<'_>, thresholds: &Thresholds) -> Result<Evidence, Eng
 }
 
 fn state_p_value(claim: &Claim<'_>, panel: &NullPanel) -> Result<PStatement, EngineError> {
-    let matches = claim.reading.matches(&claim.message)?;
+    let searched = claim.searched;
     if claim.mode.is_message_blind() {
-        let null = SoftScoreNull::new(claim.reading.mean_logits())?;
-        return Ok(PStatement::Exact {
-            matches: match_p_value(matches, claim.message.num_bits()),
-            soft_score: null.p_value(&claim.message)?,
-        });
+        let p = SearchedP::of(claim.reading, &claim.message, searched)?;
+        let SearchedP { matches, soft_score, .. } = p;
+        return Ok(if searched == 1 { PStatement::Exact { matches, soft_score } } else { PStatement::Searched(p) });
     }
-    let (num_clips, false_positives) = panel.unrelated_reaching(matches);
-    Ok(PStatement::Empirical { false_positives, num_clips, bound: empirical_fpr_bound(false_positives, num_clips) })
+    let (num_clips, false_positives) = panel.unrelated_reaching(claim.reading.matches(&claim.message)?);
+    let bound = after_search(empirical_fpr_bound(false_positives, num_clips), searched);
+    Ok(PStatement::Empirical { false_positives, num_clips, bound })
 }
 
 fn decide(claim: &Claim<'_>, rule: &Thresholds, p_value: &PStatement, panel: &NullPanel) -> (Verdict, Vec<Reason>) {
     let num_bits = claim.message.num_bits();
     let adjusted = |p: f64| (p * f64::from(rule.num_claims)).min(1.0);
     let (p, best) = match *p_value {
-        PStatement::Exact { matches, soft_score } => {
+        PStatement::Exact { matches, soft_score } | PStatement::Searched(SearchedP { matches, soft_score, .. }) => {
             let p = match rule.statistic {
                 DecisionStatistic::Matches => matches,
                 DecisionStatistic::SoftScore => soft_score,
             };
-            (adjusted(p), adjusted(match_p_value(num_bits, num_bits)))
+            (p, match_p_value(num_bits, num_bits))
         }
-        PStatement::Empirical { bound, num_clips, .. } => {
-            (adjusted(bound), adjusted(empirical_fpr_bound(0, num_clips)))
-        }
+        PStatement::Empirical { bound, num_clips, .. } => (bound, empirical_fpr_bound(0, num_clips)),
     };
+    let (p, best) = (adjusted(p), adjusted(after_search(best, claim.searched)));
     let fpr = rule.fpr;
     let mut reasons = insufficient(claim, rule);
     let could_show = reasons.is_empty() && best <= rule.absent_above;

@@ -47,8 +47,14 @@ impl Gate {
     /// says "present". Messages too short to reach its rate are asked for all their bits.
     #[must_use]
     pub fn for_bits(bits: usize) -> Self {
+        Self::after_search(bits, 1)
+    }
+
+    /// The same for a message that `verify` will choose from `searched`, as it does for ids.
+    #[must_use]
+    pub fn after_search(bits: usize, searched: u32) -> Self {
         let length = u32::try_from(bits).unwrap_or(u32::MAX);
-        let needed = required_matches(length, thresholds(bits).fpr).unwrap_or(length);
+        let needed = required_matches(length, thresholds(bits).fpr / f64::from(searched)).unwrap_or(length);
         Self { min_accuracy: f64::from(needed) / f64::from(length.max(1)), min_psnr_db: None }
     }
 

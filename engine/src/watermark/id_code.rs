@@ -241,12 +241,7 @@ impl IdCode {
     pub fn read(&self, reading: &Reading, prf: &Prf) -> Result<(IdReading, SearchedP), EngineError> {
         let pad = self.pad(prf)?;
         let found = self.decode(reading.mean_logits(), &pad)?;
-        let message = self.message(found.id, &pad)?;
-        let searched = self.id_bits.num_ids();
-        let soft = SoftScoreNull::new(reading.mean_logits())?.p_value(&message)?;
-        let matches = match_p_value(reading.matches(&message)?, self.num_bits());
-        let p =
-            SearchedP { matches: after_search(matches, searched), soft_score: after_search(soft, searched), searched };
+        let p = SearchedP::of(reading, &self.message(found.id, &pad)?, self.id_bits.num_ids())?;
         Ok((found, p))
     }
 
@@ -296,6 +291,18 @@ pub struct SearchedP {
     pub soft_score: f64,
     /// Messages that the id was chosen from.
     pub searched: u32,
+}
+
+impl SearchedP {
+    /// For a message that was chosen from `searched` after reading; with 1 these are the exact p-values of a fixed one.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] if the lengths differ.
+    pub fn of(reading: &Reading, message: &Message, searched: u32) -> Result<Self, EngineError> {
+        let soft = SoftScoreNull::new(reading.mean_logits())?.p_value(message)?;
+        let matches = match_p_value(reading.matches(message)?, message.num_bits());
+        Ok(Self { matches: after_search(matches, searched), soft_score: after_search(soft, searched), searched })
+    }
 }
 
 /// u·C for the circulant whose first row is `first`.

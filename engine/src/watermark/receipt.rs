@@ -10,6 +10,7 @@ use serde_json::Value;
 
 use super::digest::Digest;
 use super::evidence::{ExtractorMode, Thresholds};
+use super::id_code::IdBits;
 use super::message::Message;
 use super::metrics::PsnrSummary;
 use super::prf::{KeyId, Prf};
@@ -57,6 +58,9 @@ pub struct Promise {
     pub num_bits: u32,
     /// Keyed MAC of the message; see [`Message::commitment`].
     pub message_mac: Digest,
+    /// Kind of id that the message carries; none for other messages, as in receipts from before there were ids.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub payload: Option<IdBits>,
     /// Hash of the token table.
     pub token_table: Digest,
     /// Hash of the decoder's weights.

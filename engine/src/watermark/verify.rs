@@ -7,8 +7,9 @@ use guard4d_kernels::Device;
 use super::delivery::EXTRACTOR;
 use super::evidence::{Claim, Evidence, judge};
 use super::extractor::{ExtractorWeights, Reader, Sight, decode};
+use super::id_code::{IdBits, IdCode, IdReading, SearchedP};
 use super::key::Key;
-use super::message::Message;
+use super::message::{Message, Payload};
 use super::null_panel::{Control, ControlKind};
 use super::other_keys::ThrowawayKeys;
 use super::reading::Reading;
@@ -28,10 +29,44 @@ pub struct Case<'a> {
     pub clip: &'a Clip,
     /// Owner key.
     pub key: &'a Key,
-    /// The message claimed.
-    pub message: Message,
+    /// What the clips are asked for; by default what the receipt says: whichever id fits best if it is for an id, else
+    /// the key's own message.
+    pub sought: Option<Sought>,
     /// Receipt of the embedding; the extractor lies beside it.
     pub receipt: &'a Path,
+}
+
+/// What clips are asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sought {
+    /// This message.
+    Message(Message),
+    /// This id; what id fits best is told beside it.
+    Id {
+        /// Its code.
+        code: IdCode,
+        /// Id claimed.
+        id: u32,
+    },
+    /// Whichever id fits best. It may be another than the receipt's, for one key can mark many copies.
+    AnyId(IdCode),
+}
+
+impl Sought {
+    /// Reads what [`Payload::parse`] reads, or `id:12` or `id:16` alone for whichever id fits best, for `key`.
+    ///
+    /// # Errors
+    /// Those of [`Payload::parse`].
+    pub fn parse(text: &str, key: &Key) -> Result<Self, EngineError> {
+        let bits = num_bits(key);
+        if let Some(id_bits) = IdBits::parse(text) {
+            return Ok(Self::AnyId(IdCode::new(id_bits, bits)?));
+        }
+        Ok(match Payload::parse(text, bits)? {
+            Payload::Id { code, id } => Self::Id { code, id },
+            payload => Self::Message(payload.message(&key.prf())?),
+        })
+    }
 }
 
 /// Clips to read and clips to compare with.
@@ -56,15 +91,72 @@ pub struct Stranger {
     pub key: Key,
 }
 
+/// What the suspect clips say about ids.
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+pub struct IdEvidence {
+    /// Length of the ids.
+    pub id_bits: IdBits,
+    /// Fewest bits in which the messages of two ids differ.
+    pub distance: u32,
+    /// The best id and the next one.
+    #[serde(flatten)]
+    pub found: IdReading,
+    /// How far the best is ahead, in logits per bit.
+    pub margin: f64,
+    /// The id that the receipt commits to.
+    pub promised: u32,
+    /// Whether the best id is that one.
+    pub is_promised: bool,
+    /// Chance that the best of all ids agrees so well; none for a `joint` extractor, which has no p-value.
+    pub p_value: Option<SearchedP>,
+}
+
+/// How one suspect clip reads by itself.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct ClipReading {
+    /// File or folder.
+    pub name: String,
+    /// Bits that match the message.
+    pub matches: u32,
+    /// Share of them.
+    pub bit_accuracy: f64,
+    /// Whether the message was recovered without any wrong bit.
+    pub exact: bool,
+    /// The best id, if ids are asked for.
+    pub id: Option<u32>,
+}
+
 /// The evidence, with what went into it.
 #[derive(Debug, serde::Serialize)]
 pub struct Report {
     /// Verdict, p-value, null panel.
     pub evidence: Evidence,
+    /// The id read, if ids are asked for.
+    pub id: Option<IdEvidence>,
+    /// Each suspect clip by itself.
+    pub clips: Vec<ClipReading>,
     /// Frames read.
     pub frames: usize,
     /// What the decoder of a damaged video said.
     pub damage: Vec<String>,
+}
+
+/// What the receipt commits to, as far as the question knows it.
+struct Promised {
+    message: Message,
+    /// Its code and number, if it is an id.
+    id: Option<(IdCode, u32)>,
+    /// Whether any other id will do, too.
+    any_id: bool,
+}
+
+/// What was read of the suspect clips.
+struct Suspects {
+    sight: Sight,
+    side_px: u32,
+    frames: usize,
+    damage: Vec<String>,
+    readings: Vec<(String, Reading)>,
 }
 
 impl Case<'_> {
@@ -75,45 +167,110 @@ impl Case<'_> {
     pub fn verify(&self, exhibits: &Exhibits, options: &ReadOptions) -> Result<Report, EngineError> {
         let receipt = Receipt::read(self.receipt)?;
         receipt.verify_commitment(self.receipt)?;
+        self.check_key(&receipt)?;
+        let promised = self.promised(&receipt)?;
         let extractor = self.extractor(&receipt)?;
         let mut reader = Reader::new(self.device, self.clip, self.key, &extractor)?;
-        let mut damage = Vec::new();
-        let (mut sight, mut side, mut frames) = (Sight::default(), u32::MAX, 0);
-        for path in &exhibits.suspects {
-            let clip = media::read_clip(path, options)?;
-            if let Integrity::Damaged { messages } = clip.integrity() {
-                damage.push(format!("{}: {messages}", path.display()));
+        let suspects = self.look(&mut reader, &exhibits.suspects, options)?;
+        let reading = Reading::from_logits(&suspects.sight.logits, num_bits(self.key))?;
+        let prf = self.key.prf();
+        let (message, searched, id) = match promised.id {
+            None => (promised.message, 1, None),
+            Some((code, number)) => {
+                let (found, p) = code.read(&reading, &prf)?;
+                let read = id_evidence(code, number, found, extractor.mode.is_message_blind().then_some(p));
+                match promised.any_id {
+                    true => (code.message(found.id, &code.pad(&prf)?)?, p.searched, Some(read)),
+                    false => (promised.message, 1, Some(read)),
+                }
             }
-            let (width, height) = clip.size_px();
-            side = side.min(width).min(height);
-            frames += clip.frames().len();
-            sight.extend(&reader.look(clip.frames())?);
-        }
-        let bits = self.message.num_bits();
-        let mut controls = Vec::new();
-        for path in &exhibits.unrelated {
-            let clip = media::read_clip(path, options)?;
-            let reading = Reading::from_logits(&reader.logits(clip.frames())?, bits)?;
-            controls.push(self.control(ControlKind::UnrelatedClip, path.display().to_string(), reading));
-        }
-        for (i, clean) in exhibits.clean.iter().enumerate() {
-            let reading = Reading::from_logits(&reader.logits(clean)?, bits)?;
-            controls.push(self.control(ControlKind::CleanRender, format!("clean view {i}"), reading));
-        }
+        };
+        let mut controls = self.controls(&mut reader, exhibits, options, message)?;
         for stranger in &exhibits.strangers {
-            controls.push(self.stranger(stranger, &extractor, &sight)?);
+            controls.push(self.stranger(stranger, &extractor, &suspects.sight)?);
         }
-        let reading = Reading::from_logits(&sight.logits, bits)?;
+        let coordinates = extractor.calibration.coordinates(&suspects.sight.features);
         let claim = Claim {
-            message: self.message,
+            message,
+            searched,
             mode: extractor.mode,
             reading: &reading,
-            throwaway: &ThrowawayKeys::derive(&self.key.prf(), &extractor.calibration.coordinates(&sight.features))?,
-            side_px: side,
+            throwaway: &ThrowawayKeys::derive(&prf, &coordinates)?,
+            side_px: suspects.side_px,
             controls: &controls,
         };
         let evidence = judge(&claim, &receipt.body.promise.thresholds)?;
-        Ok(Report { evidence, frames, damage })
+        let code = promised.id.map(|(code, _)| code);
+        let clips = suspects.readings.iter().map(|(name, reading)| self.alone(name, reading, &message, code));
+        let clips = clips.collect::<Result<_, _>>()?;
+        Ok(Report { evidence, id, clips, frames: suspects.frames, damage: suspects.damage })
+    }
+
+    fn look(&self, reader: &mut Reader, paths: &[PathBuf], options: &ReadOptions) -> Result<Suspects, EngineError> {
+        let mut all = Suspects {
+            sight: Sight::default(),
+            side_px: u32::MAX,
+            frames: 0,
+            damage: Vec::new(),
+            readings: Vec::new(),
+        };
+        for path in paths {
+            let clip = media::read_clip(path, options)?;
+            if let Integrity::Damaged { messages } = clip.integrity() {
+                all.damage.push(format!("{}: {messages}", path.display()));
+            }
+            let (width, height) = clip.size_px();
+            all.side_px = all.side_px.min(width).min(height);
+            all.frames += clip.frames().len();
+            let sight = reader.look(clip.frames())?;
+            let reading = Reading::from_logits(&sight.logits, num_bits(self.key))?;
+            all.readings.push((path.display().to_string(), reading));
+            all.sight.extend(&sight);
+        }
+        Ok(all)
+    }
+
+    /// One suspect clip by itself.
+    fn alone(
+        &self,
+        name: &str,
+        reading: &Reading,
+        message: &Message,
+        code: Option<IdCode>,
+    ) -> Result<ClipReading, EngineError> {
+        let matches = reading.matches(message)?;
+        let read = |code: IdCode| code.decode(reading.mean_logits(), &code.pad(&self.key.prf())?);
+        Ok(ClipReading {
+            name: name.to_owned(),
+            matches,
+            bit_accuracy: f64::from(matches) / f64::from(message.num_bits()),
+            exact: matches == message.num_bits(),
+            id: code.map(read).transpose()?.map(|found| found.id),
+        })
+    }
+
+    /// Clips that carry no mark, to be compared with `message`.
+    fn controls(
+        &self,
+        reader: &mut Reader,
+        exhibits: &Exhibits,
+        options: &ReadOptions,
+        message: Message,
+    ) -> Result<Vec<Control>, EngineError> {
+        let mut controls = Vec::new();
+        let mut read = |kind, name, frames: &[Frame]| {
+            let reading = Reading::from_logits(&reader.logits(frames)?, message.num_bits())?;
+            controls.push(Control { kind, name, reading, message });
+            Ok::<_, EngineError>(())
+        };
+        for path in &exhibits.unrelated {
+            let clip = media::read_clip(path, options)?;
+            read(ControlKind::UnrelatedClip, path.display().to_string(), clip.frames())?;
+        }
+        for (i, clean) in exhibits.clean.iter().enumerate() {
+            read(ControlKind::CleanRender, format!("clean view {i}"), clean)?;
+        }
+        Ok(controls)
     }
 
     /// The suspect clips read with another trained key, for the message that key would embed.
@@ -124,7 +281,7 @@ impl Case<'_> {
         sight: &Sight,
     ) -> Result<Control, EngineError> {
         let Stranger { name, key } = stranger;
-        let bits = self.message.num_bits();
+        let bits = num_bits(self.key);
         let usage = |got: &str, expected: String| {
             Err(EngineError::Usage { what: format!("other key {name}"), got: got.to_owned(), expected })
         };
@@ -143,16 +300,10 @@ impl Case<'_> {
         })
     }
 
-    /// The extractor beside the receipt, after checking that receipt, key, message and extractor belong together.
-    fn extractor(&self, receipt: &Receipt) -> Result<ExtractorWeights, EngineError> {
+    /// Refuses a receipt of another key.
+    fn check_key(&self, receipt: &Receipt) -> Result<(), EngineError> {
         let promise = &receipt.body.promise;
         let prf = self.key.prf();
-        let bad = |path: &Path, field: &str, got: String, expected: String| EngineError::BadData {
-            path: path.to_owned(),
-            field: field.to_owned(),
-            got,
-            expected,
-        };
         if promise.key_id != prf.key_id() {
             let (got, expected) = (promise.key_id.to_string(), prf.key_id().to_string());
             return Err(bad(self.receipt, "key_id", got, format!("{expected}, the key given")));
@@ -167,23 +318,68 @@ impl Case<'_> {
                 return Err(bad(self.receipt, field, promised.to_string(), format!("{given}, as in the key given")));
             }
         }
-        if !receipt.commits_to(&self.message, &prf) {
+        Ok(())
+    }
+
+    /// The message that the receipt commits to, which has to be what is sought, or one of the ids that are.
+    fn promised(&self, receipt: &Receipt) -> Result<Promised, EngineError> {
+        let prf = self.key.prf();
+        let sought = match (self.sought, receipt.body.promise.payload) {
+            (Some(sought), _) => sought,
+            (None, Some(id_bits)) => Sought::AnyId(IdCode::new(id_bits, num_bits(self.key))?),
+            (None, None) => Sought::Message(self.key.own_message()),
+        };
+        let found = match sought {
+            Sought::Message(message) => Some(Promised { message, id: None, any_id: false }),
+            Sought::Id { code, id } => {
+                let message = code.message(id, &code.pad(&prf)?)?;
+                Some(Promised { message, id: Some((code, id)), any_id: false })
+            }
+            Sought::AnyId(code) => {
+                let pad = code.pad(&prf)?;
+                let messages = (0..code.id_bits().num_ids()).filter_map(|id| Some((id, code.message(id, &pad).ok()?)));
+                let mut committed = messages.filter(|(_, message)| receipt.commits_to(message, &prf));
+                committed.next().map(|(id, message)| Promised { message, id: Some((code, id)), any_id: true })
+            }
+        };
+        found.filter(|promised| receipt.commits_to(&promised.message, &prf)).ok_or_else(|| {
             let got = "a commitment to another message".to_owned();
-            return Err(bad(self.receipt, "message_mac", got, "one to the message given with --message".to_owned()));
-        }
+            bad(self.receipt, "message_mac", got, "one to the message given with --message".to_owned())
+        })
+    }
+
+    /// The extractor beside the receipt, after checking that receipt and extractor belong together.
+    fn extractor(&self, receipt: &Receipt) -> Result<ExtractorWeights, EngineError> {
         let path = self.receipt.with_file_name(EXTRACTOR);
         let extractor = ExtractorWeights::read(&path, self.key)?;
         let digest = extractor.digest(self.key)?;
-        if promise.extractor != Some(digest) {
-            let expected = promise.extractor.map_or_else(|| "none".to_owned(), |d| d.to_string());
+        let promised = receipt.body.promise.extractor;
+        if promised != Some(digest) {
+            let expected = promised.map_or_else(|| "none".to_owned(), |d| d.to_string());
             return Err(bad(&path, "hash", digest.to_string(), format!("{expected}, as committed in the receipt")));
         }
         Ok(extractor)
     }
+}
 
-    fn control(&self, kind: ControlKind, name: String, reading: Reading) -> Control {
-        Control { kind, name, reading, message: self.message }
+fn id_evidence(code: IdCode, promised: u32, found: IdReading, p_value: Option<SearchedP>) -> IdEvidence {
+    IdEvidence {
+        id_bits: code.id_bits(),
+        distance: code.distance(),
+        found,
+        margin: found.margin(),
+        promised,
+        is_promised: found.id == promised,
+        p_value,
     }
+}
+
+fn num_bits(key: &Key) -> u32 {
+    u32::try_from(key.bits()).unwrap_or(u32::MAX)
+}
+
+fn bad(path: &Path, field: &str, got: String, expected: String) -> EngineError {
+    EngineError::BadData { path: path.to_owned(), field: field.to_owned(), got, expected }
 }
 
 /// 8-bit frames of an unmarked model, one list per clip.
