@@ -6,6 +6,7 @@ use bytesize::ByteSize;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use guard4d_engine::clip::Precision;
 use guard4d_engine::distortion::Distortion;
+use guard4d_engine::watermark::embed::Control;
 use guard4d_kernels::{DeviceSelect, FamilySelect};
 
 /// Writes an owner's message into 4D Gaussian splat assets and reads it back from rendered video.
@@ -195,6 +196,48 @@ pub(crate) enum ProfileArg {
     Draft,
     /// The default
     Balanced,
+    /// The paper's objective and weights, for comparison; takes --extractor joint unless told otherwise
+    Faithful,
+    /// The paper's single-frame baseline (GuardSplat): its objective, --extractor none
+    Guardsplat,
+    /// The paper's multi-frame baseline: the same on clips of one camera
+    MultiFrame,
+}
+
+/// The objective, where it is to differ from the profile's.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Objective (instead of the profile's)")]
+pub(crate) struct ObjectiveArgs {
+    /// Weight of the message loss and its controls (paper: 0.03)
+    #[arg(long, value_name = "WEIGHT")]
+    pub(crate) lambda_msg: Option<f32>,
+    /// Weight of L1 and 1 - SSIM (paper: 1)
+    #[arg(long, value_name = "WEIGHT")]
+    pub(crate) lambda_recon: Option<f32>,
+    /// Share of SSIM in that (paper: 0.2)
+    #[arg(long, value_name = "SHARE")]
+    pub(crate) lambda_ssim: Option<f32>,
+    /// Weight of the offset penalty (paper: 10)
+    #[arg(long, value_name = "WEIGHT")]
+    pub(crate) lambda_offset: Option<f32>,
+    /// Weight of the control losses against the message loss
+    #[arg(long, value_name = "WEIGHT")]
+    pub(crate) lambda_control: Option<f32>,
+    /// Control loss of `joint`: inverse-bce:EPS (paper), hinge:EPS or chance
+    #[arg(long, value_name = "LOSS")]
+    pub(crate) control: Option<Control>,
+    /// Adam's rate for DC offsets (paper: 0.005)
+    #[arg(long, value_name = "RATE")]
+    pub(crate) lr_dc: Option<f32>,
+    /// Rate of the other offsets as a share of that (paper: 0.05)
+    #[arg(long, value_name = "SHARE")]
+    pub(crate) lr_rest_share: Option<f32>,
+    /// Share of the rates that is left at the end of their cosine; 1 keeps them constant (paper)
+    #[arg(long, value_name = "SHARE")]
+    pub(crate) lr_floor: Option<f32>,
+    /// Logit beyond which a bit is left alone; 0 takes the paper's cross-entropy
+    #[arg(long, value_name = "LOGIT")]
+    pub(crate) margin: Option<f32>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -280,11 +323,15 @@ pub(crate) struct EmbedArgs {
     #[arg(long, value_enum, default_value = "full")]
     pub(crate) fit: FitArg,
     /// What a frame passes through before CLIP, and so what a match proves
-    #[arg(long, value_enum, default_value = "blind")]
-    pub(crate) extractor: ExtractorArg,
+    ///
+    /// By default `blind`; with the paper's profiles what they are about.
+    #[arg(long, value_enum)]
+    pub(crate) extractor: Option<ExtractorArg>,
     /// Let `joint` read an unmarked control clip on every K-th step only, and count it K times: faster, less exact
     #[arg(long, value_name = "K", default_value_t = 1)]
     pub(crate) control_every: u32,
+    #[command(flatten)]
+    pub(crate) objective: ObjectiveArgs,
     #[command(flatten)]
     pub(crate) lpips: LpipsArgs,
     /// Train on distorted frames too: each of these as often as undistorted ones, as `guard4d attack --help` names them
@@ -304,9 +351,9 @@ pub(crate) struct EmbedArgs {
     /// Quality gate: least PSNR of whole unseen frames in dB; by default none
     #[arg(long, value_name = "DB")]
     pub(crate) min_psnr: Option<f64>,
-    /// SH coefficients to write into
-    #[arg(long, value_enum, default_value = "dc")]
-    pub(crate) bases: BasesArg,
+    /// SH coefficients to write into, by default `dc`; with the paper's profiles `all`
+    #[arg(long, value_enum)]
+    pub(crate) bases: Option<BasesArg>,
     /// Seed of cameras and noise
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,

@@ -29,7 +29,7 @@ use guard4d_kernels::vk::MemoryUse;
 use serde::Serialize;
 
 use crate::args::{
-    BasesArg, Common, EffortArgs, EmbedArgs, ExtractorArg, FitArg, LpipsArgs, LpipsInputArg, ProfileArg,
+    BasesArg, Common, EffortArgs, EmbedArgs, ExtractorArg, FitArg, LpipsArgs, LpipsInputArg, ObjectiveArgs, ProfileArg,
 };
 use crate::devices;
 use crate::progress::bar;
@@ -174,17 +174,22 @@ fn config(args: &EmbedArgs, gate: &Gate) -> Result<EmbedConfig, EngineError> {
     let profile = match args.profile {
         ProfileArg::Draft => Profile::Draft,
         ProfileArg::Balanced => Profile::Balanced,
+        ProfileArg::Faithful => Profile::Faithful,
+        ProfileArg::Guardsplat => Profile::Guardsplat,
+        ProfileArg::MultiFrame => Profile::MultiFrame,
     };
     let mode = match args.extractor {
-        ExtractorArg::None => ExtractorMode::None,
-        ExtractorArg::Blind => ExtractorMode::Blind,
-        ExtractorArg::Joint => ExtractorMode::Joint,
+        None => profile.default_mode(),
+        Some(ExtractorArg::None) => ExtractorMode::None,
+        Some(ExtractorArg::Blind) => ExtractorMode::Blind,
+        Some(ExtractorArg::Joint) => ExtractorMode::Joint,
     };
     let mut config = EmbedConfig { seed: args.seed, size_px: args.views.size, ..EmbedConfig::new(profile, mode) };
     config.radius = f64::from(args.views.radius);
     config.bases = match args.bases {
-        BasesArg::Dc => OffsetBases::Dc,
-        BasesArg::All => OffsetBases::All,
+        None => config.bases,
+        Some(BasesArg::Dc) => OffsetBases::Dc,
+        Some(BasesArg::All) => OffsetBases::All,
     };
     config.fov_deg = f64::from(args.views.fov);
     config.control_every = args.control_every;
@@ -193,6 +198,7 @@ fn config(args: &EmbedArgs, gate: &Gate) -> Result<EmbedConfig, EngineError> {
     if let Some(target) = args.target_psnr {
         config = config.with_target(target);
     }
+    aim(&args.objective, &mut config);
     config.lpips = lpips(&args.lpips)?;
     Ok(match args.fit {
         #[allow(clippy::cast_possible_truncation, reason = "a share from 0 to 1")]
@@ -214,6 +220,25 @@ fn lpips(args: &LpipsArgs) -> Result<Option<LpipsTerm>, EngineError> {
         crop_px: args.lpips_crop,
         every: args.lpips_every,
     }))
+}
+
+/// Replaces what a profile aims at by what flags say.
+fn aim(objective: &ObjectiveArgs, config: &mut EmbedConfig) {
+    let numbers = [
+        (objective.lambda_msg, &mut config.lambda_msg),
+        (objective.lambda_recon, &mut config.lambda_recon),
+        (objective.lambda_ssim, &mut config.lambda_ssim),
+        (objective.lambda_offset, &mut config.lambda_offset),
+        (objective.lambda_control, &mut config.lambda_control),
+        (objective.lr_dc, &mut config.lr_dc),
+        (objective.lr_rest_share, &mut config.lr_rest_share),
+        (objective.lr_floor, &mut config.lr_floor),
+        (objective.margin, &mut config.margin),
+    ];
+    for (given, number) in numbers {
+        *number = given.unwrap_or(*number);
+    }
+    config.control = objective.control.unwrap_or(config.control);
 }
 
 /// Replaces what a profile spends by what flags say.

@@ -156,6 +156,9 @@ fn impossible_gates_and_settings_are_refused_before_work() {
     small.run("out", &["--min-psnr", "inf"]).refused(2, &["least PSNR: inf"]);
     small.run("out", &["--target-psnr", "10"]).refused(2, &["target PSNR: 10"]);
     small.run("out", &["--control-every", "0"]).refused(2, &["control_every: 0", "at least 1"]);
+    small.run("out", &["--control", "bce"]).refused(2, &["inverse-bce:EPS"]);
+    small.run("out", &["--lambda-recon=-1"]).refused(2, &["lambda_recon: -1"]);
+    small.run("out", &["--distort", "blur:1..2"]).refused(2, &["blur:1..2", "one strength"]);
     small.set("--extractor", "blind");
     small.run("out", &["--control-every", "2"]).refused(2, &["control_every: 2", "`joint`"]);
     small.set("--responses", "7");

@@ -8,7 +8,7 @@ use guard4d_engine::lpips::{LpipsInput, LpipsWeights};
 use guard4d_engine::scene::{Camera, CameraSet, View};
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::embed::{
-    EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, LpipsTerm, Profile, Start, StepReport, StopRule,
+    Control, EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, LpipsTerm, Profile, Start, StepReport, StopRule,
 };
 use guard4d_engine::watermark::evaluate::HeldOut;
 use guard4d_engine::watermark::evidence::ExtractorMode;
@@ -473,4 +473,53 @@ fn a_budget_that_holds_no_clip_is_refused_by_name() {
     gpu.limit_memory(gpu.memory_use().reserved_bytes);
     let refused = Embedding::prepare(owner.subject(&gpu), config(&owner, ExtractorMode::Blind)).err().expect("no room");
     assert!(matches!(refused, EngineError::Kernel(KernelError::OverBudget { .. })), "{refused:?}");
+}
+
+#[test]
+fn the_papers_profiles_have_its_weights_and_keep_them() {
+    for (profile, mode) in [
+        (Profile::Faithful, ExtractorMode::Joint),
+        (Profile::Guardsplat, ExtractorMode::None),
+        (Profile::MultiFrame, ExtractorMode::None),
+    ] {
+        assert_eq!(profile.default_mode(), mode, "{profile:?}");
+        let config = EmbedConfig::new(profile, mode);
+        config.validate().expect("sensible");
+        let weights = [config.lambda_msg, config.lambda_recon, config.lambda_ssim, config.lambda_offset];
+        // Guard4D Sec. 4.1, and GuardSplat's share of SSIM.
+        assert_close(&weights, &[0.03, 1.0, 0.2, 10.0], 0.0, 0.0);
+        // Rates of 5e-3 and 2.5e-4; the product is off by a rounding.
+        assert_close(&[config.lr_dc, config.lr_dc * config.lr_rest_share], &[5e-3, 2.5e-4], 0.0, 1e-6);
+        let held = config.clone().with_target(44.0);
+        assert_close(&[held.target_psnr, held.lr_dc, held.margin], &[44.0, 5e-3, 0.0], 0.0, 0.0);
+    }
+    for (text, want) in [
+        ("inverse-bce:0.000001", Control::InverseBce { eps: 1e-6 }),
+        ("hinge:0.5", Control::Hinge { eps: 0.5 }),
+        ("chance", Control::Chance),
+    ] {
+        assert_eq!(text.parse::<Control>().expect("well written"), want, "{text}");
+    }
+    for text in ["", "inverse-bce", "hinge:0", "hinge:NaN", "chance:1", "bce:1"] {
+        let refused = text.parse::<Control>().expect_err(text).to_string();
+        assert!(refused.contains("inverse-bce:EPS"), "{text}: {refused}");
+    }
+}
+
+#[test]
+fn clips_of_the_multi_frame_baseline_have_one_camera_and_those_of_the_single_frame_one_many() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    for (profile, cameras) in [(Profile::Guardsplat, 8), (Profile::MultiFrame, 1)] {
+        let base = config(&owner, ExtractorMode::None);
+        let config = EmbedConfig { profile, steps: 1, turn_deg: 0.0, ..base };
+        let embedding = Embedding::prepare(owner.subject(&gpu), config).expect("prepares");
+        for clip in embedding.training_shots() {
+            let mut poses: Vec<_> =
+                clip.iter().map(|(c, _)| c.world_to_camera.to_cols_array().map(f32::to_bits)).collect();
+            poses.sort_unstable();
+            poses.dedup();
+            assert_eq!(poses.len(), cameras, "{profile:?}");
+        }
+    }
 }

@@ -17,7 +17,6 @@ use crate::error::EngineError;
 use crate::render::{FramePlan, OffsetBases, Prune};
 use crate::scene::camera_paths::{Band, Lens};
 use crate::scene::{Camera, CameraSet, Model, View};
-use crate::watermark::evidence::ExtractorMode;
 use crate::watermark::extractor::CLIP_FRAMES;
 use crate::watermark::prf::uniform_unit;
 
@@ -48,7 +47,7 @@ impl TrainingClip {
 /// Cameras and times of clips.
 ///
 /// A clip of `joint` is one camera that turns at its own pace, because its R learns how neighbouring frames belong
-/// together. Without temporal weights to train, each frame gets a view of its own: one step then sees eight views
+/// together; so is one of the multi-frame baseline. Without temporal weights to train, each frame gets a view of its own: one step then sees eight views
 /// instead of one.
 pub(super) fn shots(
     config: &EmbedConfig,
@@ -64,7 +63,7 @@ pub(super) fn shots(
         lens: Lens { fov_x_rad: config.fov_deg.to_radians(), size },
     };
     let frames = u32::try_from(CLIP_FRAMES).expect("a clip is a handful of frames");
-    let per_clip = if config.mode == ExtractorMode::Joint { 1 } else { CLIP_FRAMES };
+    let per_clip = if config.films() { 1 } else { CLIP_FRAMES };
     let cameras: CameraSet = match per_clip {
         1 => band.sample(clips, seed)?,
         _ => band.sample(clips * frames, seed)?,
