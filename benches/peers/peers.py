@@ -133,29 +133,44 @@ def tower_flops():
     return IMAGES * (VIT["layers"] * layer + ends)
 
 
-def torch_rows():
-    """Linear layers, convolutions and the image tower in torch."""
+def torch_rows(where, precisions):
+    """Linear layers, convolutions and the image tower in torch, on the processor ("cpu") or on NVIDIA's device ("cuda")."""
+    is_cpu = where == "cpu"
+    peer = "torch" if is_cpu else "torch CUDA"
     rows = []
-    for precision, dtype in [("f32", torch.float32), ("bf16", torch.bfloat16)]:
+
+    def add(work, precision, flops, once):
+        def waited():
+            once()
+            if not is_cpu:
+                torch.cuda.synchronize()
+
+        rows.append(row(work, peer, precision, flops, waited))
+
+    for precision, dtype in precisions:
+        to = {"device": where, "dtype": dtype}
         for n, k in PRODUCTS:
-            linear, x = nn.Linear(k, n, bias=False).to(dtype), torch.rand(ROWS, k).to(dtype)
+            linear, x = nn.Linear(k, n, bias=False).to(**to), torch.rand(ROWS, k).to(**to)
             with torch.inference_mode():
-                rows.append(row(product_name(n, k), "torch", precision, 2 * ROWS * n * k, lambda: linear(x)))
-    tower = Tower().requires_grad_(False)
-    pixels = torch.rand(IMAGES, 3, 224, 224).requires_grad_()
-    upstream = torch.rand(IMAGES, VIT["features"])
-    with torch.inference_mode():
-        rows.append(row(tower_name("forward"), "torch", "f32", tower_flops(), lambda: tower(pixels)))
-    both = lambda: torch.autograd.grad(tower(pixels), pixels, upstream)  # noqa: E731
-    rows.append(row(tower_name("forward and backward"), "torch", "f32", 2 * tower_flops(), both))
-    for given, outputs in CONVOLUTIONS:
-        flops = 2 * 27 * math.prod(CLIP_SHAPE) * given * outputs
-        for order, layout in [(torch.contiguous_format, "f32 NCDHW"), (torch.channels_last_3d, "f32 channels last")]:
-            conv = nn.Conv3d(given, outputs, 3, padding=1, bias=False).to(memory_format=order)
-            x = torch.rand(1, given, *CLIP_SHAPE).to(memory_format=order)
-            with torch.inference_mode():
-                work = convolution_name(given, outputs)
-                rows.append(row(work, "torch", layout, flops, lambda: functional.relu_(conv(x))))
+                add(product_name(n, k), precision, 2 * ROWS * n * k, lambda: linear(x))
+        # On a processor bf16 is for products; there f32 is what the rest is compared in.
+        if is_cpu and dtype != torch.float32:
+            continue
+        tower = Tower().to(**to).requires_grad_(False)
+        pixels = torch.rand(IMAGES, 3, 224, 224).to(**to).requires_grad_()
+        upstream = torch.rand(IMAGES, VIT["features"]).to(**to)
+        with torch.inference_mode():
+            add(tower_name("forward"), precision, tower_flops(), lambda: tower(pixels))
+        both = lambda: torch.autograd.grad(tower(pixels), pixels, upstream)  # noqa: E731
+        add(tower_name("forward and backward"), precision, 2 * tower_flops(), both)
+        for given, outputs in CONVOLUTIONS:
+            flops = 2 * 27 * math.prod(CLIP_SHAPE) * given * outputs
+            for order, layout in [(torch.contiguous_format, "NCDHW"), (torch.channels_last_3d, "channels last")]:
+                conv = nn.Conv3d(given, outputs, 3, padding=1, bias=False).to(**to).to(memory_format=order)
+                x = torch.rand(1, given, *CLIP_SHAPE).to(**to).to(memory_format=order)
+                with torch.inference_mode():
+                    work = convolution_name(given, outputs)
+                    add(work, f"{precision} {layout}", flops, lambda: functional.relu_(conv(x)))
     return rows
 
 
@@ -216,10 +231,10 @@ def guard4d_rows(table):
     names += [tower_name(way) for way in ["forward", "forward and backward"]]
     rows = []
     for cells in csv.DictReader(table.read_text().splitlines()):
-        name, _, kept = cells["name"].partition(", 16-bit")
-        if name not in names:
+        name = next((n for n in names if cells["name"] == n or cells["name"].startswith(f"{n}, ")), None)
+        if name is None:
             continue
-        precision = "16-bit weights" if kept else "f32"
+        precision = cells["name"][len(name) + 2 :] or "f32"
         times = [float(cells[c]) for c in ["best_ms", "ms", "best_core_ms", "core_ms"]]
         flops = float(cells["rate"]) * 1e6 * times[1]
         rows.append(line(name, ("guard4d", precision, int(cells["samples"])), times, flops))
@@ -248,6 +263,7 @@ Best and median of the samples; CPU time is that of all threads of the process, 
 last two columns are guard4d's f32 speed as a share of the row's, from the best times: 50 means that guard4d takes twice
 as long.
 
+- **torch CUDA** is there where an NVIDIA device is; guard4d's rows are of the Vulkan device that `./x bench` takes.
 - **torch** runs oneDNN and MKL kernels made for this processor, with fused multiply-add in vectors as wide as it has;
   bf16 is fast only where the processor has instructions for it. **guard4d** and **ncnn** go through Mesa's lavapipe,
   which compiles to vectors of 256 bits at most and contracts no multiplication and addition: of the peak of 256-bit
@@ -311,7 +327,9 @@ def main():
     args.filters = [f"nn/matmul {ROWS}x", "clip/ViT-B/32", "nn/conv3d forward"]
     torch.manual_seed(0)
     # guard4d between the peers, so that a drift of the machine does not favour one of them alone.
-    rows = torch_rows()
+    rows = torch_rows("cpu", [("f32", torch.float32), ("bf16", torch.bfloat16)])
+    if torch.cuda.is_available():
+        rows += torch_rows("cuda", [("f32", torch.float32), ("f16", torch.float16), ("bf16", torch.bfloat16)])
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([ROOT / "x", "bench", *args.filters, "--out", folder], check=True)
         rows += guard4d_rows(pathlib.Path(folder, "results.csv"))
