@@ -9,18 +9,18 @@
 const int TILE_ROWS = 16;
 float acc[TILE_ROWS * BLOCKS];
 
-// Adds the products of one texel of k: texel `a0` or `a1` of a lane's rows, and from `w` on a texel of each block of W.
-void multiply_texel(int a0, int a1, int w, int k4) {
+// Adds the products of texel `t` of k: texel `a0` or `a1` of a lane's rows, and a texel of each block of W, which starts at `w`.
+void multiply_texel(int a0, int a1, int w, int t, int k4) {
     vec4 columns[BLOCKS];
 #ifdef FIXED16
     [[unroll]] for (int b = 0; b < BLOCKS; b += 2) {
-        ivec4 codes = ivec4(texel_load(w_tex, w + b / 2 * k4 * 8));
+        ivec4 codes = ivec4(texel_load(w_tex, w + (b / 2 * k4 + t) * 8));
         columns[b] = vec4(codes << 16 >> 16);
         columns[b + 1] = vec4(codes >> 16);
     }
 #else
     [[unroll]] for (int b = 0; b < BLOCKS; ++b) {
-        columns[b] = texel_load(w_tex, w + b * k4 * 8);
+        columns[b] = texel_load(w_tex, w + (b * k4 + t) * 8);
     }
 #endif
     vec4 rows[2] = vec4[2](texel_load(a_tex, a0), texel_load(a_tex, a1));
@@ -49,6 +49,7 @@ void gemm_tile(int lane, int row0, int block0, int last_row, int k4) {
     ivec3 corner0 = window_corner(first);
     ivec3 corner1 = window_corner(second);
     ivec2 tap = ivec2(0);
+    int t = 0;
     do {
         tap.x = 0;
         do {
@@ -56,8 +57,8 @@ void gemm_tile(int lane, int row0, int block0, int last_row, int k4) {
             int a1 = window_texel(corner1, tap);
             int c = 0;
             do {
-                multiply_texel(a0 + c, a1 + c, w, k4);
-                w += 8;
+                multiply_texel(a0 + c, a1 + c, w, t, k4);
+                t++;
             } while (++c < p.channels4);
         } while (++tap.x < p.taps);
     } while (++tap.y < p.taps);
@@ -66,7 +67,7 @@ void gemm_tile(int lane, int row0, int block0, int last_row, int k4) {
     int a1 = second * k4;
     int t = 0;
     do {
-        multiply_texel(a0 + t, a1 + t, w + t * 8, k4);
+        multiply_texel(a0 + t, a1 + t, w, t, k4);
     } while (++t < k4);
 #endif
 }
