@@ -119,7 +119,7 @@ fn keys_of_other_checkpoints_and_long_messages_are_refused() {
     let long = format!("bits:{}", "1".repeat(BITS as usize + 1));
     embed(&good, &long).refused(2, &["message: 9 digits", "8 digits 0 or 1 for a key of 8 bits"]);
     embed(&good, "hex:fff").refused(2, &["message: 3 digits", "2 hexadecimal digits"]);
-    embed(&good, "hello").refused(2, &["`hello`", "`random`, `hex:…` or `bits:…`"]);
+    embed(&good, "hello").refused(2, &["`hello`", "`random`, `hex:…`, `bits:…`, `id:12:N` or `id:16:N`"]);
     assert_eq!(
         names(folder.path()),
         ["cut.key", "foreign.key", "good.key", "nan.key", "other.key"],
