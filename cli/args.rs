@@ -336,8 +336,7 @@ pub(crate) struct EmbedArgs {
     pub(crate) lpips: LpipsArgs,
     /// Train on distorted frames too: each of these as often as undistorted ones, as `guard4d attack --help` names them
     ///
-    /// Strengths of noise, rotation, crop and brightness can be drawn between two numbers: rotation:-15..15. The mark then
-    /// survives more and reads a little worse where nothing was done to it.
+    /// Strengths of noise, rotation, crop and brightness can be drawn between two numbers: rotation:-15..15.
     #[arg(long = "distort", value_name = "NAME:STRENGTH", value_delimiter = ',', allow_hyphen_values = true)]
     pub(crate) distortions: Vec<Distortion>,
     #[command(flatten)]
