@@ -1,6 +1,6 @@
 //! Chroma at half resolution, as video and JPEG files keep it.
 
-use super::colour_map::ColourMap;
+use super::colour_map::{ColourMap, transposed};
 use super::{expect_frames, frames_grid};
 use crate::registry::image::chroma420_apply;
 use crate::shape::{ClipShape, dim_signed};
@@ -57,10 +57,6 @@ pub fn backward(
     v_x: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
     apply(rec, clip, [&transposed(&inverse(&JFIF)), &transposed(&JFIF)], (v_y, v_x))
-}
-
-fn transposed(map: &ColourMap) -> ColourMap {
-    std::array::from_fn(|r| std::array::from_fn(|c| map[c][r]))
 }
 
 fn apply(

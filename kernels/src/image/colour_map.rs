@@ -42,6 +42,9 @@ pub fn backward(
     v_y: &Buffer<f32>,
     v_x: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
-    let transposed = std::array::from_fn(|i| std::array::from_fn(|j| map[j][i]));
-    forward(rec, &transposed, v_y, v_x)
+    forward(rec, &transposed(map), v_y, v_x)
+}
+
+pub(super) fn transposed(map: &ColourMap) -> ColourMap {
+    std::array::from_fn(|i| std::array::from_fn(|j| map[j][i]))
 }
