@@ -1,9 +1,9 @@
 //! Chroma at half resolution, as video and JPEG files keep it.
 
 use super::colour_map::{ColourMap, transposed};
-use super::{expect_frames, frames_grid};
+use super::{expect_frames, frames_grid, two_maps};
 use crate::registry::image::chroma420_apply;
-use crate::shape::{ClipShape, dim_signed};
+use crate::shape::ClipShape;
 use crate::{Buffer, KernelError, Recorder};
 
 const KERNEL: &str = "image/chroma420";
@@ -66,32 +66,7 @@ fn apply(
     (x, y): (&Buffer<f32>, &mut Buffer<f32>),
 ) -> Result<(), KernelError> {
     expect_frames(KERNEL, clip, [("x", x), ("y", y)])?;
-    let [[a_xx, a_xy, a_xz], [a_yx, a_yy, a_yz], [a_zx, a_zy, a_zz]] = *a;
-    let [[b_xx, b_xy, b_xz], [b_yx, b_yy, b_yz], [b_zx, b_zy, b_zz]] = *b;
-    let [frames, height, width] = [clip.frames, clip.height, clip.width].map(dim_signed);
-    let params = chroma420_apply::Params {
-        frames,
-        height,
-        width,
-        a_xx,
-        a_xy,
-        a_xz,
-        a_yx,
-        a_yy,
-        a_yz,
-        a_zx,
-        a_zy,
-        a_zz,
-        b_xx,
-        b_xy,
-        b_xz,
-        b_yx,
-        b_yy,
-        b_yz,
-        b_zx,
-        b_zy,
-        b_zz,
-    };
+    let params = two_maps!(chroma420_apply, clip, *a, *b);
     let grid = frames_grid(clip.height * clip.width, clip.frames, chroma420_apply::KERNEL.local_size[0]);
     rec.dispatch(chroma420_apply::Bind { x, y }, params, grid)
 }

@@ -1,9 +1,9 @@
 //! The loss of a JPEG file, with a gradient that passes the rounding.
 
 use super::chroma420::{self, JFIF, inverse};
-use super::{expect_frames, frames_grid};
+use super::{expect_frames, frames_grid, two_maps};
 use crate::registry::image::jpeg_fwd;
-use crate::shape::{ClipShape, dim_signed};
+use crate::shape::ClipShape;
 use crate::{Buffer, Device, KernelError, Recorder};
 
 const KERNEL: &str = "image/jpeg";
@@ -67,32 +67,7 @@ pub fn forward(
     y: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
     expect_frames(KERNEL, clip, [("x", x), ("y", y)])?;
-    let [[a_xx, a_xy, a_xz], [a_yx, a_yy, a_yz], [a_zx, a_zy, a_zz]] = JFIF;
-    let [[b_xx, b_xy, b_xz], [b_yx, b_yy, b_yz], [b_zx, b_zy, b_zz]] = inverse(&JFIF);
-    let [frames, height, width] = [clip.frames, clip.height, clip.width].map(dim_signed);
-    let params = jpeg_fwd::Params {
-        frames,
-        height,
-        width,
-        a_xx,
-        a_xy,
-        a_xz,
-        a_yx,
-        a_yy,
-        a_yz,
-        a_zx,
-        a_zy,
-        a_zz,
-        b_xx,
-        b_xy,
-        b_xz,
-        b_yx,
-        b_yy,
-        b_yz,
-        b_zx,
-        b_zy,
-        b_zz,
-    };
+    let params = two_maps!(jpeg_fwd, clip, JFIF, inverse(&JFIF));
     let units = clip.height.div_ceil(UNIT_PX) * clip.width.div_ceil(UNIT_PX);
     let grid = frames_grid(units, clip.frames, jpeg_fwd::KERNEL.local_size[0]);
     rec.dispatch(jpeg_fwd::Bind { x, quant: &quality.steps, y }, params, grid)

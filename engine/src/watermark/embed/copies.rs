@@ -40,7 +40,7 @@ impl Copies {
 }
 
 impl Stage {
-    /// The marked frames, distorted, at CLIP's size in place of the plain ones.
+    /// The marked frames, distorted, at CLIP's size in `self.resized`.
     pub(super) fn distort(&mut self, rec: &mut Recorder, drawn: Drawn) -> Result<(), KernelError> {
         let Some(Copies { layer, raw, rounded }) = &mut self.copies else { return Ok(()) };
         layer.forward(rec, drawn, &self.marked, raw)?;

@@ -94,13 +94,24 @@ impl Stage {
         })
     }
 
-    /// Marked frames of a clip, clamped and rounded as a video holds them, in `self.marked`; resized in
-    /// `self.resized`. Rounding passes its gradient through, clamping does not.
+    /// Marked frames of a clip as in [`Self::draw`], and at CLIP's size in `self.resized`.
     pub(super) fn render(&mut self, rec: &mut Recorder, clip: &TrainingClip) -> Result<(), EngineError> {
+        self.draw(rec, clip)?;
+        Ok(self.shrink(rec)?)
+    }
+
+    /// Marked frames of a clip, clamped and rounded as a video holds them, in `self.marked`. Rounding passes its gradient
+    /// through, clamping does not.
+    fn draw(&mut self, rec: &mut Recorder, clip: &TrainingClip) -> Result<(), EngineError> {
         let offsets = Offsets { data: &self.offsets, bases: self.bases };
         self.renderer.forward_clip(rec, &clip.plans, Some(offsets), self.background, &mut self.raw)?;
         quantize::forward(rec, &self.raw, &mut self.marked)?;
-        Ok(resize::forward(rec, &self.resize, &self.marked, &mut self.resized, &mut self.resize_scratch)?)
+        Ok(())
+    }
+
+    /// The marked frames at CLIP's size, in `self.resized`.
+    fn shrink(&mut self, rec: &mut Recorder) -> Result<(), KernelError> {
+        resize::forward(rec, &self.resize, &self.marked, &mut self.resized, &mut self.resize_scratch)
     }
 
     /// The noisy control at CLIP's size, rounded before it is resized, in `self.noisy_resized`.
@@ -304,13 +315,14 @@ impl Critic {
         rates: Rates,
     ) -> Result<(StepReport, Timings), EngineError> {
         let mut rec = device.recorder()?;
-        stage.render(&mut rec, clip)?;
+        stage.draw(&mut rec, clip)?;
         self.fidelity(&mut rec, stage, clip, config)?;
         if let (Some(perception), Some(corner)) = (&mut self.perception, rates.lpips) {
             perception.step(&mut rec, (&stage.marked, &clip.reference), corner, &mut stage.v_marked)?;
         }
-        if let Some(drawn) = rates.distortion {
-            stage.distort(&mut rec, drawn)?;
+        match rates.distortion {
+            Some(drawn) => stage.distort(&mut rec, drawn)?,
+            None => stage.shrink(&mut rec)?,
         }
         self.logits(&mut rec, stage, clip, config, rates)?;
         self.message_losses(&mut rec, config, rates)?;
