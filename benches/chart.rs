@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::svg::{drawing, text};
+use guard4d_engine::study::svg::{drawing, text};
 
 /// Room for the names, for the bars (100 %), and for a figure behind a full bar.
 const NAMES: f64 = 470.0;

@@ -23,7 +23,6 @@ mod scan;
 mod scene;
 mod splat;
 mod stats;
-mod svg;
 mod target;
 
 use std::path::{Path, PathBuf};

@@ -14,6 +14,7 @@ mod progress;
 mod render;
 mod report;
 mod stop;
+mod study;
 mod verify;
 mod views;
 
@@ -63,6 +64,7 @@ fn run(cli: &Cli) -> Result<Outcome, EngineError> {
         Command::Inspect(args) => inspect::run(args, &cli.common),
         Command::Keygen(args) => keygen::run(args, &cli.common),
         Command::Render(args) => render::run(args, &cli.common),
+        Command::Study(args) => study::run(args, &cli.common),
         Command::Verify(args) => verify::run(args, &cli.common),
     }
 }

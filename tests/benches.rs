@@ -6,8 +6,6 @@ mod chart;
 mod compare;
 #[path = "../benches/stats.rs"]
 mod stats;
-#[path = "../benches/svg.rs"]
-mod svg;
 #[path = "../benches/target.rs"]
 mod target;
 

@@ -12,6 +12,7 @@ pub mod media;
 pub mod output;
 pub mod render;
 pub mod scene;
+pub mod study;
 pub mod tensor_file;
 pub mod train;
 pub mod watermark;

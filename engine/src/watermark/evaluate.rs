@@ -99,6 +99,19 @@ impl HeldOut {
         Ok(out)
     }
 
+    /// The same clips after something happened to all of them, marked and clean alike. Fidelity stays that of the films as
+    /// they were shot.
+    ///
+    /// # Errors
+    /// What `change` returns.
+    pub fn changed(
+        self,
+        mut change: impl FnMut(&[Frame]) -> Result<Vec<Frame>, EngineError>,
+    ) -> Result<Self, EngineError> {
+        let mut all = |clips: &[Vec<Frame>]| clips.iter().map(|clip| change(clip)).collect::<Result<Vec<_>, _>>();
+        Ok(Self { marked: all(&self.marked)?, clean: all(&self.clean)?, ..self })
+    }
+
     /// Whole-frame fidelity.
     ///
     /// # Errors

@@ -65,7 +65,7 @@ impl Profile {
     }
 
     /// Whether it takes the paper's objective.
-    fn is_the_papers(self) -> bool {
+    pub(crate) fn is_the_papers(self) -> bool {
         matches!(self, Self::Faithful | Self::Guardsplat | Self::MultiFrame)
     }
 }
@@ -119,6 +119,26 @@ impl Control {
     }
 }
 
+/// Which unmarked clips hold `joint` back (the paper's Table 4).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ControlClips {
+    /// Clean and noisy ones by turns.
+    #[default]
+    Both,
+    /// Clean ones alone.
+    Clean,
+    /// Noisy ones alone.
+    Noisy,
+}
+
+impl ControlClips {
+    #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+    fn is_both(&self) -> bool {
+        *self == Self::Both
+    }
+}
+
 /// LPIPS as part of the fidelity loss, or with a weight of 0 as a figure of the result alone.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LpipsTerm {
@@ -136,6 +156,12 @@ pub struct LpipsTerm {
 }
 
 impl LpipsTerm {
+    /// As the paper's objective has it, after `GuardSplat`.
+    #[must_use]
+    pub fn of_the_paper(weights: Arc<LpipsWeights>) -> Self {
+        Self { weights, input: LpipsInput::UnitFed, lambda: 1.0, crop_px: None, every: 1 }
+    }
+
     /// Size of what is compared in a step.
     pub(super) fn part_of(&self, frame: ImageSize) -> ImageSize {
         let side = self.crop_px.map_or(usize::MAX, |px| px as usize);
@@ -238,6 +264,9 @@ pub struct EmbedConfig {
     pub distortions: Vec<Distortion>,
     /// Control loss of `joint`.
     pub control: Control,
+    /// Clips that it looks at.
+    #[serde(skip_serializing_if = "ControlClips::is_both")]
+    pub controls: ControlClips,
     /// Weight of each control branch against the message loss.
     pub lambda_control: f32,
     /// Steps from one control to the next, at least 1; more than 1 for `joint` alone. Between them a step reads only the
@@ -304,6 +333,7 @@ impl EmbedConfig {
             distortions: Vec::new(),
             lambda_offset: 0.0,
             control: Control::InverseBce { eps: 0.5 },
+            controls: ControlClips::Both,
             lambda_control: 0.05,
             control_every: 1,
             noise_sigma: (0.002, 0.05),
@@ -406,13 +436,15 @@ impl EmbedConfig {
     }
 
     /// What step number `step` reads beside the marked clip if it trains R: every `control_every`-th step has a control,
-    /// clean and noisy by turns.
+    /// by turns clean and noisy if both are asked for.
     pub(super) fn control_turn(&self, step: usize) -> ControlTurn {
         let every = self.control_every as usize;
-        match (step.is_multiple_of(every), (step / every).is_multiple_of(2)) {
-            (false, _) => ControlTurn::Skipped,
-            (true, true) => ControlTurn::Clean,
-            (true, false) => ControlTurn::Noisy,
+        if !step.is_multiple_of(every) {
+            return ControlTurn::Skipped;
+        }
+        match (self.controls, (step / every).is_multiple_of(2)) {
+            (ControlClips::Clean, _) | (ControlClips::Both, true) => ControlTurn::Clean,
+            (ControlClips::Noisy, _) | (ControlClips::Both, false) => ControlTurn::Noisy,
         }
     }
 

@@ -18,7 +18,7 @@ use std::time::Instant;
 use guard4d_kernels::Device;
 use rand_chacha::ChaCha20Rng;
 
-pub use config::{Control, EmbedConfig, LpipsTerm, Profile};
+pub use config::{Control, ControlClips, EmbedConfig, LpipsTerm, Profile};
 pub use cost::StepPart;
 pub use enough::StopRule;
 pub use estimate::Estimate;

@@ -1,0 +1,111 @@
+//! What copies go through on their way to whoever verifies them.
+
+use super::chart::{Axis, Chart, Series};
+use super::methods::point;
+use super::plan::{Arm, Scale, Take};
+use super::report::Report;
+use super::summary::{self, Column, Findings};
+use crate::distortion::{Distortion, Kind};
+use crate::watermark::embed::{EmbedConfig, Profile};
+use crate::watermark::evidence::ExtractorMode;
+
+/// Distortions with their true strengths (see [`Kind`]); the field's names for some of them promise more.
+const DISTORTIONS: [(Kind, f64); 19] = [
+    (Kind::Identity, 0.0),
+    (Kind::Noise, 0.01),
+    (Kind::Noise, 0.05),
+    (Kind::Rotation, 5.0),
+    (Kind::Rotation, 15.0),
+    (Kind::Rescale, 0.75),
+    (Kind::Rescale, 0.5),
+    (Kind::Blur, 0.8),
+    (Kind::Blur, 1.5),
+    (Kind::Crop, 0.9),
+    (Kind::Crop, 0.7),
+    (Kind::Crop, 0.4),
+    (Kind::Brightness, 0.7),
+    (Kind::Brightness, 1.3),
+    (Kind::Jpeg, 90.0),
+    (Kind::Jpeg, 50.0),
+    (Kind::Jpeg, 10.0),
+    (Kind::Codec, 1.0),
+    (Kind::Codec, 2.0),
+];
+/// Constant rate factors of H.264.
+const RATES: [u8; 4] = [12, 18, 23, 28];
+
+/// What training sees of them in the arms that train on them.
+const TRAINED: [(Kind, f64); 5] =
+    [(Kind::Jpeg, 50.0), (Kind::Rescale, 0.5), (Kind::Blur, 1.0), (Kind::Crop, 0.7), (Kind::Codec, 2.0)];
+
+fn distortions(list: &[(Kind, f64)]) -> Vec<Distortion> {
+    list.iter().map(|&(kind, strength)| Distortion::new(kind, strength).expect("strengths of the table")).collect()
+}
+
+/// Every sound extractor, and the paper's, with and without training on distortions.
+pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
+    let takes: Vec<Take> = std::iter::once(Take::Plain)
+        .chain(distortions(&DISTORTIONS).into_iter().map(Take::Distorted))
+        .chain(RATES.map(Take::H264))
+        .collect();
+    let modes: &[ExtractorMode] = if scale.quick {
+        &[ExtractorMode::Blind]
+    } else {
+        &[ExtractorMode::None, ExtractorMode::Blind, ExtractorMode::Joint]
+    };
+    let arm = |name: String, mode, distortions: Vec<Distortion>| {
+        let config = EmbedConfig { distortions, ..scale.config(Profile::Balanced, mode) };
+        Arm { takes: takes.clone(), ..Arm::new(name, config) }
+    };
+    let both = |&mode: &ExtractorMode| {
+        [
+            arm(mode.to_string(), mode, Vec::new()),
+            arm(format!("{mode}, trained on distortions"), mode, distortions(&TRAINED)),
+        ]
+    };
+    modes.iter().flat_map(both).collect()
+}
+
+const COLUMNS: [Column; 9] = [
+    summary::ARM,
+    summary::TAKE,
+    summary::ROWS,
+    summary::MARKED,
+    summary::FRAMES,
+    summary::CLEAN,
+    summary::P_VALUE,
+    summary::PRESENT,
+    summary::ERRORS,
+];
+
+pub(super) fn report(findings: &Findings) -> Report {
+    let groups = findings.groups();
+    let (mut takes, mut arms): (Vec<&str>, Vec<&str>) = (Vec::new(), Vec::new());
+    for group in &groups {
+        for (seen, name) in [(&mut takes, group.take), (&mut arms, group.arm)] {
+            if !seen.contains(&name) {
+                seen.push(name);
+            }
+        }
+    }
+    let place = |take: &str| (0u32..).zip(&takes).find(|(_, t)| **t == take).map(|(i, _)| f64::from(i));
+    let series = arms.iter().map(|arm| {
+        let of = groups.iter().filter(|g| g.arm == *arm);
+        let points = of.filter_map(|g| point(g, place(g.take)?, |r| r.marked, String::new())).collect();
+        Series { name: (*arm).to_owned(), points, joined: true }
+    });
+    Report {
+        title: "What copies go through".to_owned(),
+        intro: "Each mark is embedded once and read from distorted films; all clips of a film together give verdict and p-value. \
+                Strengths are the ones really applied: noise by its standard deviation, crop by the share of each side that is \
+                left, rotation in degrees, codec a low pass with chroma at half resolution; h264 is x264 through ffmpeg."
+            .to_owned(),
+        charts: vec![Chart {
+            title: "bits right after distortions".to_owned(),
+            series: series.collect(),
+            x: Axis::of_names(takes.iter().map(|take| (*take).to_owned()).collect()),
+            y: Axis::linear("bits right, %"),
+        }],
+        tables: vec![summary::table("All scenes", "Means over scenes and seeds.", &COLUMNS, &groups)],
+    }
+}

@@ -1,0 +1,106 @@
+//! Where the message lives, in the asset or in the extractor, by extractor and control loss.
+
+use super::ablation::UNTRAINED;
+use super::chart::{Axis, Chart, Series};
+use super::methods::point;
+use super::plan::{Arm, Scale, Take};
+use super::report::Report;
+use super::summary::{self, Column, Findings};
+use crate::watermark::embed::{Control, EmbedConfig, Profile};
+use crate::watermark::evidence::ExtractorMode;
+
+/// Strengths at which a finished mark is read again.
+const STRENGTHS: [f32; 7] = [0.0, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0];
+/// Those of a first look.
+const QUICK_STRENGTHS: [f32; 2] = [0.0, 0.5];
+/// ε of the paper's control loss, from what makes it explode to what makes it gentle.
+const EPSILONS: [f32; 6] = [1e-6, 1e-3, 1e-2, 0.1, 0.5, 1.0];
+
+/// Every extractor with a strength sweep and a message swap, and `joint` with every control loss.
+pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
+    let strengths: &[f32] = if scale.quick { &QUICK_STRENGTHS } else { &STRENGTHS };
+    let takes: Vec<Take> = std::iter::once(Take::Plain).chain(strengths.iter().map(|k| Take::Strength(*k))).collect();
+    let arm = |mode| Arm {
+        takes: takes.clone(),
+        swap: true,
+        ..Arm::new(format!("{mode}"), scale.config(Profile::Balanced, mode))
+    };
+    let mut arms = [ExtractorMode::None, ExtractorMode::Blind, ExtractorMode::Joint].map(arm).to_vec();
+    if !scale.quick {
+        let losses = EPSILONS.map(|eps| (format!("joint, inverse-bce {eps}"), Control::InverseBce { eps }));
+        let bounded = [("joint, hinge 0.5", Control::Hinge { eps: 0.5 }), ("joint, chance", Control::Chance)];
+        let bounded = bounded.map(|(name, control)| (name.to_owned(), control));
+        arms.extend(losses.into_iter().chain(bounded).map(|(name, control)| {
+            let config = scale.config(Profile::Balanced, ExtractorMode::Joint);
+            Arm::new(name, EmbedConfig { control, ..config })
+        }));
+    }
+    arms
+}
+
+const ACCURACY: [Column; 11] = [
+    summary::ARM,
+    summary::ROWS,
+    summary::MARKED,
+    summary::FRAMES,
+    summary::CLEAN,
+    summary::NOISY,
+    summary::OTHERS,
+    summary::PSNR,
+    summary::P_VALUE,
+    summary::PRESENT,
+    summary::ERRORS,
+];
+
+const PLACE: [Column; 6] = [
+    summary::ARM,
+    summary::MARKED,
+    UNTRAINED,
+    ("swap: second message, %", |g| g.percent_range(|r| r.swap_second)),
+    ("swap: first message, %", |g| g.percent_range(|r| r.swap_first)),
+    ("another key's own message, %", |g| g.percent_range(|r| r.wrong_key_own)),
+];
+
+const SWEEP: [Column; 5] = [summary::ARM, summary::TAKE, summary::MARKED, summary::PSNR, summary::PRESENT];
+
+pub(super) fn report(findings: &Findings) -> Report {
+    let groups = findings.groups();
+    let modes = ["none", "blind", "joint"];
+    let sweep = modes.map(|mode| {
+        let of = groups.iter().filter(|g| g.arm == mode);
+        let mut points: Vec<_> = of.filter_map(|g| point(g, strength(g.take)?, |r| r.marked, String::new())).collect();
+        points.sort_by(|a, b| a.x.total_cmp(&b.x));
+        Series { name: mode.to_owned(), points, joined: true }
+    });
+    let plain = findings.groups_where(|row| row.take == Take::Plain.to_string());
+    Report {
+        title: "Extractors, and where the message lives".to_owned(),
+        intro: "Three extractors with one fidelity: none (CLIP and decoder alone), blind (a front end that never saw a message) \
+                and joint (the paper's, trained with the message); then joint with the paper's control loss at several ε and \
+                with bounded ones. An asset that carries its message gives it to R as it was before its training, and a second \
+                copy optimised through the frozen extractor gives the second message; an extractor that holds the message \
+                says the first one to all of them."
+            .to_owned(),
+        charts: vec![Chart {
+            title: "a finished mark made weaker or stronger".to_owned(),
+            x: Axis::linear("factor on the offsets"),
+            y: Axis::linear("bits right, %"),
+            series: sweep.to_vec(),
+        }],
+        tables: vec![
+            summary::table("Accuracy and controls", "", &ACCURACY, &plain),
+            summary::table(
+                "Where the message lives",
+                "Swap: both messages share half of their bits, so that whoever holds one reads the other at 50 %.",
+                &PLACE,
+                &plain,
+            ),
+            summary::table("Strength", "The extractor was fitted to strength 1.", &SWEEP, &groups),
+        ],
+    }
+}
+
+/// The strength that a film was made at.
+fn strength(take: &str) -> Option<f64> {
+    if take == Take::Plain.to_string() { Some(1.0) } else { take.strip_prefix("strength ")?.parse().ok() }
+}

@@ -1,0 +1,206 @@
+//! What a study measures: arms, scenes and seeds, and what is read of each.
+
+use std::fmt;
+
+use crate::clip::Precision;
+use crate::distortion::Distortion;
+use crate::lpips::LpipsWeights;
+use crate::watermark::digest::Digest;
+use crate::watermark::embed::{EmbedConfig, LpipsTerm, Profile};
+use crate::watermark::evidence::ExtractorMode;
+
+use super::lab::Machine;
+use super::scene::{SceneSource, Variant};
+
+/// Hexadecimal digits that name an embedding.
+const ID_DIGITS: usize = 16;
+
+/// How a film is made that the message is read from. The first is what training aims at; the others are farther off.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Take {
+    /// The scene's unseen cameras.
+    Plain,
+    /// The same film, distorted.
+    Distorted(Distortion),
+    /// The same film through H.264 at this constant rate factor.
+    H264(u8),
+    /// The mark made so many times as strong.
+    Strength(f32),
+    /// So many frames of every clip.
+    Frames(usize),
+    /// Cameras at this elevation, degrees; training ends at 65.
+    Elevation(f64),
+    /// Cameras at this multiple of the training distance.
+    Distance(f64),
+    /// Times of the motion's first or last part only.
+    Times(f32, f32),
+    /// Width and height in pixels.
+    Size(u32, u32),
+}
+
+impl fmt::Display for Take {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Plain => f.write_str("plain"),
+            Self::Distorted(distortion) => write!(f, "{distortion}"),
+            Self::H264(crf) => write!(f, "h264 crf {crf}"),
+            Self::Strength(factor) => write!(f, "strength {factor}"),
+            Self::Frames(count) => write!(f, "{count} frames"),
+            Self::Elevation(degrees) => write!(f, "elevation {degrees}"),
+            Self::Distance(factor) => write!(f, "distance x{factor}"),
+            Self::Times(first, last) => write!(f, "times {first} to {last}"),
+            Self::Size(width, height) => write!(f, "{width}x{height} px"),
+        }
+    }
+}
+
+/// One way to embed, and what is read of it.
+#[derive(Clone, Debug)]
+pub struct Arm {
+    /// Its name in tables; arms of one name are one line.
+    pub name: String,
+    /// Settings; the seed comes from the study.
+    pub config: EmbedConfig,
+    /// Message bits.
+    pub bits: u32,
+    /// How CLIP's matrices are kept.
+    pub precision: Precision,
+    /// What is done to the scene first.
+    pub variant: Variant,
+    /// What is read.
+    pub takes: Vec<Take>,
+    /// Whether the device's memory holds half of the training clips only, so that the others are made again.
+    pub is_tight: bool,
+    /// Whether a second copy is made through the frozen extractor.
+    pub swap: bool,
+}
+
+impl Arm {
+    /// Plain settings, read plainly.
+    pub(super) fn new(name: impl Into<String>, config: EmbedConfig) -> Self {
+        Self {
+            name: name.into(),
+            config,
+            bits: DEFAULT_BITS,
+            precision: Precision::F32,
+            variant: Variant::AsIs,
+            takes: vec![Take::Plain],
+            is_tight: false,
+            swap: false,
+        }
+    }
+}
+
+/// Message bits of most arms, the paper's.
+pub(super) const DEFAULT_BITS: u32 = 16;
+
+/// An arm on a scene with a seed, which its settings hold.
+#[derive(Clone, Debug)]
+pub struct Cell {
+    /// Scene.
+    pub scene: SceneSource,
+    /// Arm.
+    pub arm: Arm,
+}
+
+impl Cell {
+    /// Names the embedding by all that decides it; arms of several sub-studies that are the same embedding share it.
+    pub(super) fn id(&self, machine: &Machine) -> String {
+        let Arm { config, bits, precision, variant, is_tight, .. } = &self.arm;
+        let settings = serde_json::to_string(config).expect("numbers and words are valid JSON");
+        let all = format!(
+            "{} {} {} {variant} {bits} {} {is_tight} {settings}",
+            machine.clip,
+            machine.device,
+            self.scene,
+            precision.name()
+        );
+        Digest::of(all.as_bytes()).to_string().chars().take(ID_DIGITS).collect()
+    }
+}
+
+/// How much is spent on each embedding, and on how many of them.
+#[derive(Clone, Debug)]
+pub struct Scale {
+    /// Scenes.
+    pub scenes: Vec<SceneSource>,
+    /// Seeds.
+    pub seeds: Vec<u8>,
+    /// Side of frames in pixels.
+    pub size_px: u32,
+    /// Training steps, instead of the profiles'.
+    pub steps: Option<usize>,
+    /// Training clips, instead of the profiles'.
+    pub clips: Option<u32>,
+    /// Random fields that calibrations are fitted to, instead of the profiles'.
+    pub responses: Option<usize>,
+    /// LPIPS for the paper's objective and for all readings.
+    pub lpips: Option<std::sync::Arc<LpipsWeights>>,
+    /// Whether only the arms are taken that a first look needs.
+    pub quick: bool,
+}
+
+impl Scale {
+    /// Ends within a quarter of an hour on two processor cores with the built-in CLIP, whatever the sub-study; figures
+    /// are those of marks that are far from finished.
+    #[must_use]
+    pub fn quick() -> Self {
+        Self {
+            scenes: vec![SceneSource::Demo],
+            seeds: vec![0],
+            size_px: 100,
+            steps: Some(60),
+            clips: Some(16),
+            responses: Some(32),
+            lpips: None,
+            quick: true,
+        }
+    }
+
+    /// The profiles' own effort, for a GPU.
+    #[must_use]
+    pub fn full() -> Self {
+        Self {
+            scenes: vec![SceneSource::Demo],
+            seeds: vec![0, 1, 2],
+            size_px: 400,
+            steps: None,
+            clips: None,
+            responses: None,
+            lpips: None,
+            quick: false,
+        }
+    }
+
+    /// A profile's settings at this scale.
+    pub(super) fn config(&self, profile: Profile, mode: ExtractorMode) -> EmbedConfig {
+        let config = EmbedConfig::new(profile, mode);
+        let is_the_papers = profile.is_the_papers();
+        let lpips = self.lpips.clone().filter(|_| is_the_papers);
+        EmbedConfig {
+            steps: self.steps.unwrap_or(config.steps),
+            views: self.clips.unwrap_or(config.views),
+            responses: self.responses.unwrap_or(config.responses),
+            size_px: (self.size_px, self.size_px),
+            lpips: lpips.map(LpipsTerm::of_the_paper),
+            // Nobody watches.
+            held_out_every: 0,
+            ..config
+        }
+    }
+
+    /// What the program does unless told otherwise, at this scale.
+    pub(super) fn default_config(&self) -> EmbedConfig {
+        self.config(Profile::Balanced, Profile::Balanced.default_mode())
+    }
+
+    /// Every arm on every scene with every seed; seeds outermost, so that a run that is broken off has all arms.
+    pub(super) fn cells(&self, arms: &[Arm]) -> Vec<Cell> {
+        let of = |seed: u8, scene: &SceneSource, arm: &Arm| {
+            let config = EmbedConfig { seed: u64::from(seed), ..arm.config.clone() };
+            Cell { scene: scene.clone(), arm: Arm { config, ..arm.clone() } }
+        };
+        let scenes = |seed: u8| self.scenes.iter().flat_map(move |s| arms.iter().map(move |arm| of(seed, s, arm)));
+        self.seeds.iter().flat_map(|&seed| scenes(seed)).collect()
+    }
+}

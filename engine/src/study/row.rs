@@ -1,0 +1,238 @@
+//! One reading of one embedding, flat, as it stands in the tables.
+
+use serde::{Deserialize, Serialize};
+
+use super::lab::Machine;
+use super::plan::Cell;
+use crate::error::EngineError;
+use crate::watermark::cross_examination::CrossExamination;
+use crate::watermark::embed::EmbedConfig;
+use crate::watermark::evaluate::Evaluation;
+use crate::watermark::evidence::{PStatement, Verdict};
+use crate::watermark::null_panel::{ControlState, Leak};
+
+/// One reading of one embedding. All shares are of bits, from 0 to 1; empty is what was not measured.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// Names the embedding: a hash of all that decides it.
+    pub embedding: String,
+    /// What was read: see [`super::plan::Take`].
+    pub take: String,
+    /// Scene.
+    pub scene: String,
+    /// What was done to the scene first.
+    pub variant: String,
+    /// Seed of key, message, views, times and noise.
+    pub seed: u64,
+    /// Profile of the settings.
+    pub profile: String,
+    /// Extractor.
+    pub mode: String,
+    /// Message bits.
+    pub bits: u32,
+    /// How CLIP's matrices are kept.
+    pub precision: String,
+    /// Side of frames, pixels.
+    pub size_px: u32,
+    /// Training clips.
+    pub views: u32,
+    /// Steps asked for.
+    pub max_steps: usize,
+    /// Steps taken.
+    pub steps: Option<usize>,
+    /// Fidelity asked for, dB.
+    pub target_db: f32,
+    /// SH coefficients that have offsets.
+    pub bases: String,
+    /// Offsets that are not zero.
+    pub offsets: Option<usize>,
+    /// Clips read.
+    pub clips: Option<usize>,
+    /// Message bits right in marked clips.
+    pub marked: Option<f64>,
+    /// The same, frame by frame.
+    pub frames: Option<f64>,
+    /// Clips read without a wrong bit.
+    pub exact: Option<f64>,
+    /// The message's bits in clean clips.
+    pub clean: Option<f64>,
+    /// Whether that is inside the two-sided 99 % band.
+    pub clean_in_band: Option<bool>,
+    /// The message's bits in clean clips with noise.
+    pub noisy: Option<f64>,
+    /// Whether that is inside the band.
+    pub noisy_in_band: Option<bool>,
+    /// Whole-frame PSNR of the mark, 8-bit against float, mean over views, dB.
+    pub psnr_db: Option<f64>,
+    /// The same over the object's pixels.
+    pub object_psnr_db: Option<f64>,
+    /// SSIM.
+    pub ssim: Option<f64>,
+    /// LPIPS, with a network for it.
+    pub lpips: Option<f64>,
+    /// Exact p-value of all clips together, from their matching bits; empty for `joint`, which has none.
+    pub p_value: Option<f64>,
+    /// What `verify` would say of all clips together.
+    pub verdict: String,
+    /// The message's bits in unmarked clips of other scenes.
+    pub other_scenes: Option<f64>,
+    /// Whether that is inside the band.
+    pub other_scenes_in_band: Option<bool>,
+    /// Another key's own message in the marked clips.
+    pub wrong_key_own: Option<f64>,
+    /// The message's bits in the marked clips, read by R as it was before it saw the message.
+    pub untrained: Option<f64>,
+    /// Message swap: the second message's bits in a second copy, optimised through the first copy's frozen extractor.
+    pub swap_second: Option<f64>,
+    /// The first message's bits there.
+    pub swap_first: Option<f64>,
+    /// Seconds of planning.
+    pub plan_s: Option<f64>,
+    /// Seconds of fitting.
+    pub fit_s: Option<f64>,
+    /// Seconds of training.
+    pub train_s: Option<f64>,
+    /// Seconds of the embedding.
+    pub wall_s: Option<f64>,
+    /// Seconds of all processor cores in it.
+    pub cpu_s: Option<f64>,
+    /// Most device memory taken, MiB.
+    pub peak_mib: Option<f64>,
+    /// Why there is no reading.
+    pub error: String,
+    /// Load of the machine before.
+    pub load: String,
+    /// Device.
+    pub device: String,
+    /// Version of the program.
+    pub version: String,
+}
+
+/// What an embedding took.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Effort {
+    pub(super) steps: usize,
+    pub(super) offsets: usize,
+    /// Planning, fitting, training.
+    pub(super) stages: [f64; 3],
+    pub(super) wall_s: f64,
+    pub(super) cpu_s: f64,
+    pub(super) peak_bytes: u64,
+}
+
+impl Row {
+    /// What is known before anything is measured.
+    pub(super) fn of(cell: &Cell, machine: &Machine) -> Self {
+        let EmbedConfig { profile, mode, views, steps, target_psnr, bases, seed, size_px, .. } = &cell.arm.config;
+        Self {
+            embedding: cell.id(machine),
+            scene: cell.scene.to_string(),
+            variant: cell.arm.variant.to_string(),
+            seed: *seed,
+            profile: words(profile),
+            mode: mode.to_string(),
+            bits: cell.arm.bits,
+            precision: cell.arm.precision.name().to_owned(),
+            size_px: size_px.0,
+            views: *views,
+            max_steps: *steps,
+            target_db: *target_psnr,
+            bases: format!("{bases:?}").to_lowercase(),
+            load: load(),
+            device: machine.device.clone(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            ..Self::default()
+        }
+    }
+
+    /// Adds what the embedding took.
+    pub(super) fn took(self, effort: &Effort) -> Self {
+        let [plan, fit, train] = effort.stages.map(Some);
+        Self {
+            steps: Some(effort.steps),
+            offsets: Some(effort.offsets),
+            plan_s: plan,
+            fit_s: fit,
+            train_s: train,
+            wall_s: Some(effort.wall_s),
+            cpu_s: Some(effort.cpu_s),
+            peak_mib: Some(effort.peak_bytes as f64 / f64::from(1 << 20)),
+            ..self
+        }
+    }
+
+    /// Adds what one take said.
+    pub(super) fn read(self, take: String, e: &Evaluation) -> Self {
+        let quiet = |leak: &Leak| Some(leak.state == ControlState::Quiet);
+        Self {
+            take,
+            clips: Some(e.clips),
+            marked: Some(e.marked),
+            frames: Some(e.marked_frames),
+            exact: Some(e.exact() as f64 / e.clips.max(1) as f64),
+            clean: Some(e.clean),
+            clean_in_band: quiet(&e.clean_leak),
+            noisy: Some(e.noisy),
+            noisy_in_band: quiet(&e.noisy_leak),
+            psnr_db: Some(e.psnr.mean_of_views_db.0),
+            object_psnr_db: Some(e.foreground_psnr.mean_of_views_db.0),
+            ssim: Some(e.ssim),
+            lpips: e.lpips,
+            ..self
+        }
+    }
+
+    /// Adds what witnesses said.
+    pub(super) fn examined(self, x: &CrossExamination) -> Self {
+        Self {
+            p_value: match &x.evidence.p_value {
+                PStatement::Exact { matches, .. } => Some(*matches),
+                PStatement::Searched(p) => Some(p.matches),
+                PStatement::Empirical { .. } => None,
+            },
+            verdict: match x.evidence.verdict {
+                Verdict::Present => "present",
+                Verdict::Absent => "absent",
+                Verdict::Inconclusive => "inconclusive",
+            }
+            .to_owned(),
+            other_scenes: x.other_scenes.as_ref().map(Leak::share),
+            other_scenes_in_band: x.other_scenes.as_ref().map(|leak| leak.state == ControlState::Quiet),
+            wrong_key_own: Some(x.wrong_key_own.share()),
+            untrained: x.untrained.as_ref().map(Leak::share),
+            ..self
+        }
+    }
+
+    /// The file's first line.
+    pub(super) fn head() -> Result<String, EngineError> {
+        let with_one = Self::csv(&[Self::default()], true)?;
+        Ok(with_one[..=with_one.find('\n').unwrap_or(0)].to_owned())
+    }
+
+    /// Lines without the first.
+    pub(super) fn lines(rows: &[Self]) -> Result<String, EngineError> {
+        Self::csv(rows, false)
+    }
+
+    /// Lines, with the names of the columns above them if asked for.
+    pub(super) fn csv(rows: &[Self], has_head: bool) -> Result<String, EngineError> {
+        let mut writer = csv::WriterBuilder::new().has_headers(has_head).from_writer(Vec::new());
+        let written = rows.iter().try_for_each(|row| writer.serialize(row)).map_err(std::io::Error::from);
+        let bytes = written.and_then(|()| writer.into_inner().map_err(|error| error.into_error()));
+        let text = bytes.and_then(|bytes| String::from_utf8(bytes).map_err(std::io::Error::other));
+        text.map_err(|source| EngineError::Io { path: "rows of a study".into(), source })
+    }
+}
+
+/// A unit variant as files name it.
+fn words(value: &impl Serialize) -> String {
+    let json = serde_json::to_value(value).unwrap_or_default();
+    json.as_str().unwrap_or_default().to_owned()
+}
+
+/// Load averages of the machine, where it tells them.
+fn load() -> String {
+    let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    text.split(' ').take(2).collect::<Vec<_>>().join(" ")
+}
