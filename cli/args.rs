@@ -79,7 +79,7 @@ pub(crate) enum Command {
     /// random heights above the horizon (`elevation_deg` in the receipt), with --fov and --size. A part of the scene that
     /// they do not see is not marked. --cameras, or --orbit with --elevation and --frames, only say where the result is
     /// measured.
-    Embed(EmbedArgs),
+    Embed(Box<EmbedArgs>),
     /// Reads a mark from video and says how sure that is
     Verify(VerifyArgs),
     /// Renders a model to 8-bit frames or a video
