@@ -10,6 +10,7 @@ mod message;
 mod metrics;
 mod prf;
 pub(crate) mod receipt;
+mod spread;
 mod statistics;
 mod tmsd;
 mod tokens;

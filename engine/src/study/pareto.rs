@@ -23,6 +23,11 @@ const CONTROL_EVERY: [u32; 2] = [2, 4];
 /// Bits of the message beside the default's.
 const LENGTHS: [u32; 2] = [32, 48];
 
+/// Share of the light that the splats with offsets carry, where not all have offsets.
+const REACH: f32 = 0.9;
+/// Power of its light in a splat's rate, where rates differ.
+const VISIBILITY: f32 = 0.5;
+
 /// The default, and every setting around it.
 pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
     let default = Arm::new(DEFAULT, scale.default_config());
@@ -40,6 +45,10 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
         with("all SH bases".to_owned(), &|config| config.bases = OffsetBases::All),
         Arm { name: "half of the memory".to_owned(), is_tight: true, ..default.clone() },
         Arm { name: "16-bit weights".to_owned(), precision: Precision::Fixed16, ..default.clone() },
+        with("constant rates".to_owned(), &|config| config.lr_floor = 1.0),
+        with("cross-entropy instead of a margin".to_owned(), &|config| config.margin = 0.0),
+        with(format!("splats with {REACH} of the light"), &|config| config.reach = REACH),
+        with(format!("rates by light^{VISIBILITY}"), &|config| config.visibility = VISIBILITY),
         with("half of the clips".to_owned(), &|config| config.views = (config.views / 2).max(1)),
     ];
     let steps: &[(usize, usize)] = if scale.quick { &STEPS[..2] } else { &STEPS };
