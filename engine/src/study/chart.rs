@@ -127,8 +127,9 @@ impl Span {
         let step = [1.0, 2.0, 5.0, 10.0].map(|m| m * decade).into_iter().find(|s| *s >= raw).unwrap_or(raw);
         let first = (low / step).ceil() * step;
         let lines = std::iter::successors(Some(first), |v| Some(v + step)).take_while(|v| *v <= high);
-        let decimals = if step < 1.0 { -step.log10().floor() } else { 0.0 };
-        lines.map(|v| (v, format!("{v:.*}", decimals as usize))).collect()
+        // Steps are 1, 2 or 5 times a power of ten: as many decimals as make them whole.
+        let decimals = (0..12).find(|digits| (step * 10f64.powi(*digits)).fract() < 1e-6).unwrap_or(0);
+        lines.map(|v| (v, format!("{v:.*}", usize::try_from(decimals).unwrap_or(0)))).collect()
     }
 }
 

@@ -1,6 +1,7 @@
 //! Embeds and reads: what turns a cell into rows.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -32,6 +33,9 @@ use crate::watermark::prf::MasterSecret;
 
 /// Opens a device: each embedding has one of its own, so that its memory is its own.
 pub type OpenDevice<'a> = &'a dyn Fn() -> Result<Device, EngineError>;
+
+/// A scene's name and clips.
+type Unmarked = (String, Vec<Vec<Frame>>);
 
 /// What measures.
 pub(super) struct Lab<'a> {
@@ -168,23 +172,20 @@ impl<'a> Lab<'a> {
         Ok(key)
     }
 
-    /// Unmarked clips of the study's other scenes, and of the built-in one.
-    fn other_scenes(
-        &mut self,
-        device: &Device,
-        marked: &SceneSource,
-        arm: &Arm,
-    ) -> Result<Vec<(String, Vec<Vec<Frame>>)>, EngineError> {
+    /// Unmarked clips of the study's other scenes.
+    fn other_scenes(&mut self, device: &Device, marked: &SceneSource, arm: &Arm) -> Result<Vec<Unmarked>, EngineError> {
         let (side, radius) = (arm.config.size_px.0, arm.config.radius);
         let size = ImageSize::new(side, side)?;
         let mut others = Vec::new();
         for source in self.sources.iter().filter(|source| *source != marked) {
             let name = source.to_string();
-            if !self.elsewhere.contains_key(&(name.clone(), side)) {
-                let scene = Scene::open(device, source, (scene::Variant::AsIs, size, radius))?;
-                self.elsewhere.insert((name.clone(), side), scene.clean);
+            let clips = match self.elsewhere.entry((name.clone(), side)) {
+                Entry::Occupied(entry) => entry.into_mut(),
+                Entry::Vacant(entry) => {
+                    entry.insert(Scene::open(device, source, (scene::Variant::AsIs, size, radius))?.clean)
+                }
             }
-            let clips = self.elsewhere[&(name.clone(), side)].clone();
+            .clone();
             others.push((name, clips));
         }
         Ok(others)
