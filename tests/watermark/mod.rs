@@ -6,6 +6,7 @@ mod evidence;
 mod gate;
 mod id_code;
 pub(crate) mod key;
+mod ladder;
 mod message;
 mod metrics;
 mod prf;
