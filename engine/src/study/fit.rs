@@ -2,9 +2,11 @@
 
 use super::chart::{Axis, Chart, Series};
 use super::methods::point;
-use super::plan::{Arm, Scale};
+use super::plan::{Arm, DEFAULT_BITS, Scale};
 use super::report::{Report, Table};
 use super::summary::{self, Column, Findings};
+use crate::watermark::embed::EmbedConfig;
+use crate::watermark::gate::Gate;
 
 /// Name of the arm that takes all steps.
 const FULL: &str = "fit full";
@@ -13,10 +15,17 @@ const AUTO: &str = "fit auto";
 /// Auto stopped too early when full reads so much more: one bit of 16 in each of six clips, which seeds differ by anyway.
 const WRONG: f64 = 1.0 / 16.0;
 
+/// Settings that stop as `embed --fit auto` does: at the bits that its quality gate asks for.
+#[allow(clippy::cast_possible_truncation, reason = "a share from 0 to 1")]
+pub(super) fn auto(config: EmbedConfig) -> EmbedConfig {
+    let bits = DEFAULT_BITS as usize;
+    config.climbing(Gate::for_bits(bits).min_accuracy as f32, bits)
+}
+
 /// Both, with the default's settings.
 pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
     let full = scale.default_config();
-    vec![Arm::new(AUTO, full.clone().until_enough(1.0)), Arm::new(FULL, full)]
+    vec![Arm::new(AUTO, auto(full.clone())), Arm::new(FULL, full)]
 }
 
 const COLUMNS: [Column; 10] = [

@@ -117,10 +117,11 @@ pub(super) fn report2(findings: &Findings) -> Report {
     let paper = Series { name: "the paper, D-NeRF".to_owned(), points: printed.collect(), joined: true };
     Report {
         title: "Message lengths (the paper's Table 2)".to_owned(),
-        intro: "The paper's method by its printed objective, the same extractor with the fidelity held instead, and this \
+        intro:
+            "The paper's method by its printed objective, the same extractor with the fidelity held instead, and this \
                 program's default, with messages of 8 to 128 bits. A checkpoint whose text tower \
                 has fewer positions than a message needs refuses it (the built-in one ends at 72 bits)."
-            .to_owned(),
+                .to_owned(),
         charts: vec![Chart {
             title: "bits right against message length".to_owned(),
             x: Axis::logarithmic("bits"),

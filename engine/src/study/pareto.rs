@@ -1,6 +1,7 @@
 //! Seconds against accuracy and fidelity: one setting changed at a time, and the front of what no other setting beats.
 
 use super::chart::{Axis, Chart, Series};
+use super::fit;
 use super::methods::{guard4d, point, with_bits};
 use super::plan::{Arm, DEFAULT_BITS, Scale};
 use super::report::Report;
@@ -41,7 +42,7 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
         default.clone(),
         Arm::new("extractor none", scale.config(Profile::Balanced, ExtractorMode::None)),
         Arm::new("extractor joint", joint.clone()),
-        with("fit auto".to_owned(), &|config| *config = config.clone().until_enough(1.0)),
+        with("fit auto".to_owned(), &|config| *config = fit::auto(config.clone())),
         with("all SH bases".to_owned(), &|config| config.bases = OffsetBases::All),
         Arm { name: "half of the memory".to_owned(), is_tight: true, ..default.clone() },
         Arm { name: "16-bit weights".to_owned(), precision: Precision::Fixed16, ..default.clone() },
