@@ -513,6 +513,9 @@ pub(crate) struct StudyArgs {
     /// Seeds of keys, messages, views, times and noise [default: 0,1,2; with --quick: 0]
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u8).range(..=253))]
     pub(crate) seeds: Vec<u8>,
+    /// Only arms whose name holds one of these words
+    #[arg(long, value_name = "WORDS", value_delimiter = ',')]
+    pub(crate) only: Vec<String>,
     /// Side of frames in pixels [default: 400; with --quick: 100]
     #[arg(long, value_parser = clap::value_parser!(u32).range(16..=4096))]
     pub(crate) size: Option<u32>,

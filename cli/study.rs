@@ -54,6 +54,7 @@ fn scale(args: &StudyArgs) -> Result<Scale, EngineError> {
         responses: args.effort.responses.map(|responses| responses as usize).or(scale.responses),
         lpips: args.lpips.as_deref().map(LpipsWeights::read).transpose()?.map(Arc::new),
         quick: scale.quick,
+        only: args.only.clone(),
     })
 }
 

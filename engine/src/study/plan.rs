@@ -138,6 +138,8 @@ pub struct Scale {
     pub lpips: Option<std::sync::Arc<LpipsWeights>>,
     /// Whether only the arms are taken that a first look needs.
     pub quick: bool,
+    /// Take only arms whose name holds one of these words; empty takes all.
+    pub only: Vec<String>,
 }
 
 impl Scale {
@@ -154,6 +156,7 @@ impl Scale {
             responses: Some(32),
             lpips: None,
             quick: true,
+            only: Vec::new(),
         }
     }
 
@@ -169,6 +172,7 @@ impl Scale {
             responses: None,
             lpips: None,
             quick: false,
+            only: Vec::new(),
         }
     }
 
@@ -196,11 +200,14 @@ impl Scale {
 
     /// Every arm on every scene with every seed; seeds outermost, so that a run that is broken off has all arms.
     pub(super) fn cells(&self, arms: &[Arm]) -> Vec<Cell> {
+        let is_wanted = |arm: &&Arm| self.only.is_empty() || self.only.iter().any(|words| arm.name.contains(words));
         let of = |seed: u8, scene: &SceneSource, arm: &Arm| {
             let config = EmbedConfig { seed: u64::from(seed), ..arm.config.clone() };
             Cell { scene: scene.clone(), arm: Arm { config, ..arm.clone() } }
         };
-        let scenes = |seed: u8| self.scenes.iter().flat_map(move |s| arms.iter().map(move |arm| of(seed, s, arm)));
+        let scenes = |seed: u8| {
+            self.scenes.iter().flat_map(move |s| arms.iter().filter(is_wanted).map(move |arm| of(seed, s, arm)))
+        };
         self.seeds.iter().flat_map(|&seed| scenes(seed)).collect()
     }
 }
