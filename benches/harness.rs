@@ -1,6 +1,7 @@
 //! Sampling through criterion, and the rows that the report is made of.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use cpu_time::ProcessTime;
@@ -96,6 +97,8 @@ pub(crate) struct Bench {
     pub(crate) rows: Vec<Row>,
     /// Embeddings of which the memory was measured.
     pub(crate) memory: Vec<MemoryRow>,
+    /// Folder that the made scenes are written to.
+    pub(crate) scenes: Option<PathBuf>,
     /// Kernels that ran in some row with timestamps.
     kernels: BTreeSet<&'static str>,
     /// A row's name must contain one of these, if there are any.
@@ -109,7 +112,8 @@ impl Bench {
     pub(crate) fn new(device: Device, filters: Vec<String>) -> Self {
         let criterion = Criterion::default().sample_size(SAMPLES).warm_up_time(WARM_UP).measurement_time(MEASUREMENT);
         let load = crate::host::load();
-        Self { device, criterion, rows: Vec::new(), memory: Vec::new(), kernels: BTreeSet::new(), filters, load }
+        let (rows, memory, kernels) = (Vec::new(), Vec::new(), BTreeSet::new());
+        Self { device, criterion, rows, memory, scenes: None, kernels, filters, load }
     }
 
     /// Whether the command line leaves rows out.

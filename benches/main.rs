@@ -50,6 +50,9 @@ struct Args {
     /// Folder for table, summary and chart [default: benches/results/DATE-DEVICE, and none for a part of the rows]
     #[arg(long)]
     out: Option<PathBuf>,
+    /// Also write the made scenes and guard4d's pictures of them into this folder, for `./x peers`
+    #[arg(long, hide = true)]
+    scenes: Option<PathBuf>,
     /// Vulkan device, as in `guard4d --help`
     #[arg(long, default_value = "auto", env = "GUARD4D_DEVICE")]
     device: DeviceSelect,
@@ -97,6 +100,7 @@ fn run(args: &Args) -> Result<Vec<&'static str>, EngineError> {
     let options = DeviceOptions { kernels: args.kernels, ..DeviceOptions::default() };
     let device = Device::open_with(&args.device, options)?;
     let mut bench = harness::Bench::new(device, args.filters.clone());
+    bench.scenes.clone_from(&args.scenes);
     for family in [
         probe::measure,
         nn::measure,

@@ -79,7 +79,7 @@ pub(crate) enum Command {
     /// random heights above the horizon (`elevation_deg` in the receipt), with --fov and --size. A part of the scene that
     /// they do not see is not marked. --cameras, or --orbit with --elevation and --frames, only say where the result is
     /// measured.
-    Embed(EmbedArgs),
+    Embed(Box<EmbedArgs>),
     /// Reads a mark from video and says how sure that is
     Verify(VerifyArgs),
     /// Renders a model to 8-bit frames or a video
@@ -294,6 +294,17 @@ pub(crate) struct LpipsArgs {
     pub(crate) lpips_every: u32,
 }
 
+/// How the mark is spread over the splats.
+#[derive(Args, Debug)]
+pub(crate) struct SpreadArgs {
+    /// Change only the splats that together carry this share of the light in the training views: 1 all, 0.9 far fewer
+    #[arg(long, value_name = "SHARE")]
+    pub(crate) reach: Option<f32>,
+    /// Change splats the faster the more of the light is theirs, by this power (-2 to 2) of it; 0 all alike
+    #[arg(long, value_name = "POWER", allow_negative_numbers = true)]
+    pub(crate) visibility: Option<f32>,
+}
+
 #[derive(Args, Debug)]
 pub(crate) struct EmbedArgs {
     /// 4DGaussians model folder or static INRIA PLY; with --undo the marked one
@@ -353,6 +364,8 @@ pub(crate) struct EmbedArgs {
     /// SH coefficients to write into, by default `dc`; with the paper's profiles `all`
     #[arg(long, value_enum)]
     pub(crate) bases: Option<BasesArg>,
+    #[command(flatten)]
+    pub(crate) spread: SpreadArgs,
     /// Seed of cameras and noise
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,

@@ -199,6 +199,8 @@ fn config(args: &EmbedArgs, gate: &Gate) -> Result<EmbedConfig, EngineError> {
         config = config.with_target(target);
     }
     aim(&args.objective, &mut config);
+    config.reach = args.spread.reach.unwrap_or(config.reach);
+    config.visibility = args.spread.visibility.unwrap_or(config.visibility);
     config.lpips = lpips(&args.lpips)?;
     Ok(match args.fit {
         #[allow(clippy::cast_possible_truncation, reason = "a share from 0 to 1")]

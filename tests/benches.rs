@@ -4,12 +4,16 @@
 mod chart;
 #[path = "../benches/compare.rs"]
 mod compare;
+#[path = "../benches/scene.rs"]
+mod scene;
 #[path = "../benches/stats.rs"]
 mod stats;
 #[path = "../benches/svg.rs"]
 mod svg;
 #[path = "../benches/target.rs"]
 mod target;
+
+use guard4d_engine::tensor_file::TensorFile;
 
 use chart::Bars;
 use compare::{CORE_MS, JUDGED_BY, MS, NAME, QUARTILES, parse, table};
@@ -29,6 +33,34 @@ fn quartiles_interpolate_and_refuse_what_is_no_number() {
     for none in [&[][..], &[1.0, f64::NAN, 2.0]] {
         assert!(of(none).iter().all(|q| q.is_nan()), "{none:?}");
     }
+}
+
+#[test]
+fn scenes_for_other_implementations_hold_what_the_benchmark_draws() {
+    const N: usize = 3;
+    let (width, height) = (6, 6);
+    let camera = scene::camera(6).expect("a size that cameras have");
+    let splats = scene::splats(N, &camera);
+    let image: Vec<f32> = (0..4 * width * height).map(|i| i as f32).collect();
+    let folder = tempfile::tempdir().expect("a folder for the test");
+    let path = folder.path().join("scene.safetensors");
+    scene::write(&path, &splats, &camera, image.clone()).expect("it is written");
+    let file = TensorFile::read(&path).expect("it is read back");
+    for (name, shape, want) in [
+        ("means", &[N, 3][..], &splats.means.concat()),
+        ("quats", &[N, 4], &splats.quats.concat()),
+        ("scales", &[N, 3], &splats.scales.concat()),
+        ("opacities", &[N], &splats.opacities),
+        ("sh_coeffs", &[N, 16, 3], &splats.sh_coeffs),
+        ("image", &[height, width, 4], &image),
+        ("viewmat", &[4, 4], &glam::Mat4::IDENTITY.to_cols_array().to_vec()),
+    ] {
+        assert_eq!(file.finite(name, shape).expect(name), want, "{name}");
+    }
+    let k = file.finite("intrinsics", &[3, 3]).expect("intrinsics");
+    assert_eq!([k[2], k[5]], [3.0; 2], "the middle of the image, from its corner");
+    assert_eq!([k[0], k[4]], [camera.fx, camera.fy]);
+    scene::write(&path, &splats, &camera, vec![0.0; 4]).expect_err("a picture of another size");
 }
 
 #[test]

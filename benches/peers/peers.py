@@ -6,12 +6,15 @@ Nothing of guard4d needs this file or Python; it is here because the peers are P
 import argparse
 import csv
 import datetime
+import importlib.util
+import json
 import math
 import os
 import pathlib
 import platform
 import re
 import shlex
+import shutil
 import statistics
 import subprocess
 import sys
@@ -26,6 +29,7 @@ import numpy as np  # noqa: E402
 import torch  # noqa: E402
 from torch import nn  # noqa: E402
 from torch.nn import functional  # noqa: E402
+from torch.utils import cpp_extension  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 # Of each row at least this many samples, and more where they are short.
@@ -39,6 +43,13 @@ CONVOLUTIONS = [(16, 16), (3, 16)]
 CLIP_SHAPE = (8, 224, 224)
 IMAGES = 8
 VIT = {"layers": 12, "width": 768, "heads": 12, "inner": 3072, "tokens": 50, "patch": 32, "features": 512}
+# The scenes of benches/splat.rs that gsplat draws, too.
+SCENES = ["50k, 800x800", "30k, 800x800"]
+# How many times as fast as gsplat guard4d's splats are meant to be drawn.
+GSPLAT_TARGET = 2.0
+# Largest mean difference of gsplat's picture to guard4d's. Alpha ends at 0.999 and not at 0.99, and splats end a little
+# elsewhere: 3e-5 in parts of the pictures, by gsplat's reference in PyTorch. A shift by half a pixel makes 0.03.
+PICTURE_TOLERANCE = 1e-3
 # Largest error of a peer's product against float64, as a share of the largest value: sums of 3072 rounded products.
 TOLERANCE = 1e-4
 COLUMNS = [
@@ -47,31 +58,47 @@ COLUMNS = [
 ]  # fmt: skip
 
 
-def measure(once):
-    """Wall and CPU seconds of each run; CPU time is that of all threads, a software driver's among them."""
+def wall_seconds(once):
+    """Seconds by the clock on the wall."""
+    start = time.perf_counter()
+    once()
+    return time.perf_counter() - start
+
+
+def cuda_seconds(once):
+    """Seconds by the clock of NVIDIA's device."""
+    start, end = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
+    start.record()
+    once()
+    end.record()
+    torch.cuda.synchronize()
+    return start.elapsed_time(end) / 1e3
+
+
+def measure(once, clock):
+    """Seconds by a clock and CPU seconds of each run; CPU time is of all threads, a software driver's among them."""
     for _ in range(WARM_UP):
         once()
     wall, cpu = [], []
     while len(wall) < SAMPLES or sum(wall) < SECONDS:
-        start = time.perf_counter(), time.process_time()
-        once()
-        wall.append(time.perf_counter() - start[0])
-        cpu.append(time.process_time() - start[1])
+        start = time.process_time()
+        wall.append(clock(once))
+        cpu.append(time.process_time() - start)
     return wall, cpu
 
 
-def row(work, peer, precision, flops, once):
+def row(work, peer, precision, flops, once, clock=wall_seconds):
     """One line of the table."""
-    wall, cpu = measure(once)
+    wall, cpu = measure(once, clock)
     print(f"{work}, {peer} {precision}: {1e3 * min(wall):.2f} ms", file=sys.stderr)
     times = [min(wall), statistics.median(wall), min(cpu), statistics.median(cpu)]
     return line(work, (peer, precision, len(wall)), [1e3 * t for t in times], flops)
 
 
 def line(work, who, times_ms, flops):
-    """A line from best and median wall and CPU milliseconds."""
-    rates = [flops / 1e6 / times_ms[1], flops / 1e6 / times_ms[3]]
-    return dict(zip(COLUMNS, [work, *who, *times_ms, flops / 1e9, *rates], strict=False))
+    """A line from best and median wall and CPU milliseconds; of work that is no arithmetic, `flops` is `None`."""
+    rates = [flops / 1e9, flops / 1e6 / times_ms[1], flops / 1e6 / times_ms[3]] if flops else [None] * 3
+    return dict(zip(COLUMNS, [work, *who, *times_ms, *rates], strict=False))
 
 
 def product_name(n, k):
@@ -84,6 +111,11 @@ def convolution_name(given, outputs):
 
 def tower_name(way):
     return f"clip/ViT-B/32 {way} {IMAGES} images"
+
+
+def splat_names(scene):
+    """A picture from splats alone, and its last part: what blends lists of splats to pixels."""
+    return f"splat/forward {scene}", f"splat/rasterize forward {scene}"
 
 
 class Layer(nn.Module):
@@ -225,18 +257,95 @@ def ncnn_rows():
     return rows
 
 
+def read_tensors(path):
+    """Tensors of a safetensors file of 32-bit floats."""
+    data = path.read_bytes()
+    start = 8 + int.from_bytes(data[:8], "little")
+    out = {}
+    for name, entry in json.loads(data[8:start]).items():
+        if entry["dtype"] != "F32":
+            raise RuntimeError(f"{path}: {name} is {entry['dtype']}, not F32")
+        begin, end = (start + offset for offset in entry["data_offsets"])
+        out[name] = torch.from_numpy(np.frombuffer(data[begin:end], "<f4").reshape(entry["shape"]).copy())
+    return out
+
+
+def gsplat_arguments(scene):
+    """A scene that `./x bench` wrote, as gsplat takes it: one camera, activated scales and opacities."""
+    height, width, _ = scene["image"].shape
+    given = {name: scene[name] for name in ["means", "quats"]}
+    given |= {"scales": scene["scales"].exp(), "opacities": scene["opacities"].sigmoid(), "colors": scene["sh_coeffs"]}
+    given |= {"viewmats": scene["viewmat"][None], "Ks": scene["intrinsics"][None], "width": width, "height": height}
+    # Of its two ways to hold intermediate results gsplat calls this one the faster.
+    return given | {"sh_degree": math.isqrt(scene["sh_coeffs"].shape[1]) - 1, "packed": False}
+
+
+def gsplat_missing():
+    """Why gsplat cannot be measured here, or `None`."""
+    if not torch.cuda.is_available():
+        return "torch finds no CUDA device"
+    if importlib.util.find_spec("gsplat") is None:
+        return "gsplat is not installed"
+    if not (cpp_extension.CUDA_HOME and shutil.which("nvcc", path=f"{cpp_extension.CUDA_HOME}/bin")):
+        return "nvcc, which compiles gsplat, is not installed"
+    return None
+
+
+def gsplat_rows(folder):
+    """The scenes in a folder by gsplat: whole pictures by the clock on the wall, blending by the device's."""
+    from gsplat import rasterization, rasterize_to_pixels
+
+    rows = []
+    for scene in SCENES:
+        tensors = read_tensors(folder / f"{scene}.safetensors")
+        given = {k: v.cuda() if isinstance(v, torch.Tensor) else v for k, v in gsplat_arguments(tensors).items()}
+
+        def whole():
+            picture = rasterization(**given)
+            torch.cuda.synchronize()
+            return picture
+
+        def blend():
+            return rasterize_to_pixels(meta["means2d"], meta["conics"], colors, meta["opacities"], *lists)
+
+        with torch.inference_mode():
+            picture, _, meta = whole()
+            error = (picture[0].cpu() - tensors["image"][..., :3]).abs().mean().item()
+            print(f"gsplat, {scene}: mean difference to guard4d's picture {error:.1e}", file=sys.stderr)
+            if not error <= PICTURE_TOLERANCE:
+                raise RuntimeError(f"gsplat's picture of {scene} is off by {error} in the mean")
+            lists = [meta[name] for name in ["width", "height", "tile_size", "isect_offsets", "flatten_ids"]]
+            colors = torch.rand(*meta["means2d"].shape[:-1], 3, device=picture.device)
+            first, last = splat_names(scene)
+            rows.append(row(first, "gsplat CUDA", "f32", None, whole))
+            rows.append(row(last, "gsplat CUDA", "f32", None, blend, cuda_seconds))
+    return rows
+
+
+def splat_verdicts(rows):
+    """How guard4d's splats stand to the target, by best times: a sentence for each row of gsplat."""
+    for r in rows:
+        if r["peer"] == "gsplat CUDA":
+            times = r["guard4d_wall_percent"] / 100
+            verdict = "met" if times >= GSPLAT_TARGET else "not met"
+            yield f"{r['work']}: guard4d is {times:.2f} times as fast as gsplat; at least {GSPLAT_TARGET:g} is {verdict}"
+
+
 def guard4d_rows(table):
     """guard4d's own rows of a results file of `./x bench`, with the name of the work that each does."""
     names = [product_name(n, k) for n, k in PRODUCTS] + [convolution_name(*c) for c in CONVOLUTIONS]
     names += [tower_name(way) for way in ["forward", "forward and backward"]]
+    splats = [name for scene in SCENES for name in splat_names(scene)]
+    names += splats
     rows = []
     for cells in csv.DictReader(table.read_text().splitlines()):
         name = next((n for n in names if cells["name"] == n or cells["name"].startswith(f"{n}, ")), None)
         if name is None:
             continue
-        precision = cells["name"][len(name) + 2 :] or "f32"
+        # What follows the name of other rows says how large the work is.
+        precision = "f32" if name in splats else cells["name"][len(name) + 2 :] or "f32"
         times = [float(cells[c]) for c in ["best_ms", "ms", "best_core_ms", "core_ms"]]
-        flops = float(cells["rate"]) * 1e6 * times[1]
+        flops = None if name in splats else float(cells["rate"]) * 1e6 * times[1]
         rows.append(line(name, ("guard4d", precision, int(cells["samples"])), times, flops))
     missing = set(names) - {r["work"] for r in rows}
     if missing:
@@ -255,6 +364,8 @@ def compare(rows):
 
 
 def text(value):
+    if value is None:
+        return ""
     return f"{value:.2f}" if isinstance(value, float) else str(value)
 
 
@@ -274,6 +385,10 @@ as long.
   call also copies input and output to and from the device's layout, which is little beside these times.
 - guard4d evaluates the last layer of the tower for the one token that CLIP reads, torch for all; both count the full
   layer as work. guard4d's convolution pads by reflection and repetition, torch's with zeros; both end in a ReLU.
+- **gsplat** is there where CUDA is; it draws the file that guard4d's benchmark wrote of its scene, and its picture is
+  compared with guard4d's. `splat/forward` is a picture from splats alone, by the clock on the wall for both, with all that
+  the host waits for and allocates; `splat/rasterize forward` blends lists that are there, by the device's clock for both.
+  guard4d's embedding makes lists once and blends them in every step.
 - "its default, 16-bit" is what ncnn does unless told otherwise: storage and arithmetic in 16-bit floats where the
   device says that it has them.
 """
@@ -288,7 +403,8 @@ def markdown(rows, args, device):
         f"- Processor: {processor()}; load before the run: {args.load}",
         f"- Versions: {versions}, Python {platform.python_version()}; Vulkan device of guard4d and ncnn: {device}",
         f"- Commit: {args.commit}; command: `./x peers`, which runs `./x bench {shlex.join(args.filters)}`",
-        f"- Date: {datetime.datetime.now(datetime.UTC):%F}\n",
+        f"- Date: {datetime.datetime.now(datetime.UTC):%F}",
+        f"- {args.gsplat}\n",
         NOTES,
         f"| {' | '.join(head)} |",
         f"| {' | '.join(['---'] * 3 + ['---:'] * (len(COLUMNS) - 3))} |",
@@ -325,20 +441,25 @@ def main():
     head = ["git", "-C", ROOT, "rev-parse", "HEAD"]
     args.commit = subprocess.run(head, capture_output=True, text=True, check=True).stdout.strip()
     args.filters = [f"nn/matmul {ROWS}x", "clip/ViT-B/32", "nn/conv3d forward"]
+    args.filters += [name for scene in SCENES for name in splat_names(scene)]
     torch.manual_seed(0)
     # guard4d between the peers, so that a drift of the machine does not favour one of them alone.
     rows = torch_rows("cpu", [("f32", torch.float32), ("bf16", torch.bfloat16)])
     if torch.cuda.is_available():
         rows += torch_rows("cuda", [("f32", torch.float32), ("f16", torch.float16), ("bf16", torch.bfloat16)])
     with tempfile.TemporaryDirectory() as folder:
-        subprocess.run([ROOT / "x", "bench", *args.filters, "--out", folder], check=True)
+        subprocess.run([ROOT / "x", "bench", *args.filters, "--out", folder, "--scenes", folder], check=True)
         rows += guard4d_rows(pathlib.Path(folder, "results.csv"))
         device = device_name(pathlib.Path(folder))
+        missing = gsplat_missing()
+        rows += [] if missing else gsplat_rows(pathlib.Path(folder))
     if ncnn.get_gpu_count():
         rows += ncnn_rows()
     else:
         print("ncnn finds no Vulkan device: no rows of it", file=sys.stderr)
     rows = compare(rows)
+    args.gsplat = f"gsplat: not measured, because {missing}" if missing else "; ".join(splat_verdicts(rows))
+    print(args.gsplat)
     out = args.out or results(device)
     out.mkdir(parents=True, exist_ok=True)
     with (out / "peers.csv").open("w", newline="") as file:

@@ -14,6 +14,7 @@ mod offset_gradient;
 mod other_owners;
 mod prf;
 pub(crate) mod receipt;
+mod spread;
 mod statistics;
 mod sweep;
 mod tmsd;

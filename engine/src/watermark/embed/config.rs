@@ -1,5 +1,6 @@
 //! What an embedding is asked to do.
 
+use std::ops::RangeInclusive;
 use std::str::FromStr;
 use std::sync::Arc;
 
@@ -32,6 +33,8 @@ const DEFAULT_RESPONSE_LEVEL: f64 = 0.0125;
 const DEFAULT_HELD_OUT_EVERY: usize = 25;
 /// Least fidelity that an embedding can be held to, dB: a hold that never binds.
 const UNBOUND_PSNR: f32 = 20.0;
+/// Powers of its light that a splat's rate may grow with.
+const VISIBILITY_POWERS: RangeInclusive<f32> = -2.0..=2.0;
 /// How far below the target the hold starts, dB.
 const START_SLACK_DB: f32 = 2.0;
 
@@ -214,6 +217,14 @@ pub struct EmbedConfig {
     pub lr_dc: f32,
     /// Adam's rate for the other offsets, as a share of `lr_dc` (GuardSplat: 1/20).
     pub lr_rest_share: f32,
+    /// Share of the light in the training views that the splats with offsets carry together: the fewest that do. The
+    /// others stay as they are. 1 is all splats.
+    #[serde(skip_serializing_if = "is_whole")]
+    pub reach: f32,
+    /// Power of a splat's light, against the median of all, that its rate is multiplied by, within bounds: above 0, splats
+    /// that show move faster than those that hardly do. 0 gives all the same rate.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub visibility: f32,
     /// Adam's rate for R in `joint`.
     pub lr_tmsd: f32,
     /// Share of the rates that is left at the end of the cosine.
@@ -294,6 +305,8 @@ impl EmbedConfig {
             bases: OffsetBases::Dc,
             lr_dc: 0.0,
             lr_rest_share: 0.05,
+            reach: 1.0,
+            visibility: 0.0,
             lr_tmsd: 1e-3,
             lr_floor: 0.05,
             margin: 6.0,
@@ -383,6 +396,11 @@ impl EmbedConfig {
     /// Whether there are clips that no step is taken on.
     pub(super) fn has_held_out(&self) -> bool {
         self.held_out_every > 0 || self.stop.is_some()
+    }
+
+    /// Whether splats have rates of their own.
+    pub(super) fn rates_differ(&self) -> bool {
+        self.reach < 1.0 || self.visibility != 0.0
     }
 
     /// Whether SSIM is part of the loss.
@@ -493,6 +511,8 @@ impl EmbedConfig {
             weight("lr_rest_share", self.lr_rest_share),
             weight("lr_floor", self.lr_floor),
             weight("margin", self.margin),
+            ("reach", f64::from(self.reach), self.reach > 0.0 && self.reach <= 1.0),
+            ("visibility", f64::from(self.visibility), VISIBILITY_POWERS.contains(&self.visibility)),
             ("lambda_ssim", f64::from(self.lambda_ssim), (0.0..=1.0).contains(&self.lambda_ssim)),
         ];
         for (what, got, fine) in checks {
@@ -500,7 +520,9 @@ impl EmbedConfig {
                 return Err(EngineError::Usage {
                     what: what.to_owned(),
                     got: got.to_string(),
-                    expected: "a sensible number, not negative (PSNR: 20 to 80 dB)".to_owned(),
+                    expected:
+                        "a sensible number, not negative (PSNR: 20 to 80 dB; reach: at most 1; visibility: -2 to 2)"
+                            .to_owned(),
                 });
             }
         }
@@ -532,6 +554,16 @@ fn weight(name: &'static str, value: f32) -> (&'static str, f64, bool) {
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
 fn is_one(number: &u32) -> bool {
     *number == 1
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+fn is_whole(share: &f32) -> bool {
+    *share >= 1.0
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+fn is_zero(power: &f32) -> bool {
+    *power == 0.0
 }
 
 fn name_of_weights<S: Serializer>(weights: &Arc<LpipsWeights>, serializer: S) -> Result<S::Ok, S::Error> {

@@ -11,6 +11,7 @@ mod fit;
 mod perception;
 mod pool;
 mod step;
+mod visibility;
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -23,6 +24,7 @@ pub use cost::StepPart;
 pub use enough::StopRule;
 pub use estimate::Estimate;
 pub use step::{HeldOutReport, StepReport};
+pub use visibility::within_reach;
 
 use crate::clip::{Clip, Purpose};
 use crate::error::EngineError;
@@ -168,6 +170,10 @@ impl<'a> Embedding<'a> {
             Start::Frozen(given) => (given.clone(), 1, Some(given.digest(key)?)),
         };
         check_mode(&config, &weights)?;
+        if config.rates_differ() {
+            let light = visibility::weights(device, &mut clips, &mut stage)?;
+            stage.offsets_state.rates = visibility::rates(device, (&light, &stage), &config)?;
+        }
         let critic = critic(&subject, &config, (&weights, branches), &mut clips)?;
         seconds.insert("fit".to_owned(), started.elapsed().as_secs_f64());
         seconds.insert("train".to_owned(), 0.0);
@@ -264,6 +270,15 @@ impl<'a> Embedding<'a> {
             return Ok(None);
         }
         self.critic.measure(self.subject.device, &mut self.stage, &mut self.clips, &self.config).map(Some)
+    }
+
+    /// Light that each splat has in the training clips `[N]`: the sum over pixels and frames of its share in them, by the
+    /// colour channel that lets most through. At most the first 32 clips are summed.
+    ///
+    /// # Errors
+    /// When the device fails, or the sum is not a number.
+    pub fn visible_weight(&mut self) -> Result<Vec<f64>, EngineError> {
+        visibility::weights(self.subject.device, &mut self.clips, &mut self.stage)
     }
 
     /// Cameras and times of the clips that steps are taken on.

@@ -50,7 +50,7 @@ pub(super) struct Stage {
     /// Offsets, N rows as the bases lay them out.
     pub(super) offsets: Buffer<f32>,
     pub(super) offsets_state: AdamState,
-    v_offsets: Buffer<f32>,
+    pub(super) v_offsets: Buffer<f32>,
     penalty_sums: SumScratch,
     pub(super) raw: Buffer<f32>,
     pub(super) marked: Buffer<f32>,
