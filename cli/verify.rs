@@ -80,7 +80,10 @@ pub(crate) fn human(report: &Report) -> String {
         rows.push(("damaged", line.clone()));
     }
     rows.push(("receipt", report.commitment.to_string()));
-    rows.push(("not shown here", "that the receipt is older than the clip; a timestamp by someone else can".to_owned()));
+    rows.push((
+        "not shown here",
+        "that the receipt is older than the clip; a timestamp by someone else can".to_owned(),
+    ));
     table(&rows)
 }
 

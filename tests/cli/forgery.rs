@@ -77,10 +77,9 @@ fn an_extractor_from_after_the_receipt_is_refused_under_any_name() {
     let scandal = Scandal::get(&gpu);
     let honest = honest(&gpu, scandal);
     // The receipt is from before; the extractor beside it is exchanged.
-    scandal.verify(&scandal.put("joint", &scandal.forged, scandal.promise(&honest)), &[]).refused(
-        65,
-        &["extractor.safetensors: mode: joint", "blind, as committed"],
-    );
+    scandal
+        .verify(&scandal.put("joint", &scandal.forged, scandal.promise(&honest)), &[])
+        .refused(65, &["extractor.safetensors: mode: joint", "blind, as committed"]);
     for mode in [ExtractorMode::Blind, ExtractorMode::General, ExtractorMode::None] {
         let relabelled = ExtractorWeights { mode, ..scandal.forged.clone() };
         // Not even a receipt that promises just this file helps.

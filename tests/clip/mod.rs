@@ -1,7 +1,7 @@
 //! CLIP towers against transformers, and checkpoints that must be refused.
 
 mod mini;
-pub(crate) mod vit_b32;
+mod vit_b32;
 mod weights;
 
 use guard4d_engine::tensor_file::{TensorFile, Values};

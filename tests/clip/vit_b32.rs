@@ -11,7 +11,7 @@ use crate::support::gpu::device;
 use crate::support::repo;
 
 /// The image tower beside a tiny text tower.
-pub(crate) const IMAGES: (&[u8], Dims) = (
+const IMAGES: (&[u8], Dims) = (
     br#"{
         "projection_dim": 512,
         "text_config": {"vocab_size": 8, "hidden_size": 8, "intermediate_size": 8, "num_hidden_layers": 1,
@@ -84,7 +84,7 @@ fn weight(name: &str, shape: &[usize]) -> Tensor {
     Tensor::f32(shape, values)
 }
 
-pub(crate) fn clip(gpu: &guard4d_kernels::Device, (config, dims): (&[u8], Dims)) -> Clip {
+fn clip(gpu: &guard4d_kernels::Device, (config, dims): (&[u8], Dims)) -> Clip {
     let tensors = dims.tensors().into_iter().map(|(name, shape)| {
         let tensor = weight(&name, &shape);
         (name, tensor)

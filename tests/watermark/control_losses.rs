@@ -74,6 +74,6 @@ fn training_that_blows_up_says_so_and_hands_out_nothing() {
         }
     }
     let config = EmbedConfig { lr_tmsd: 1e38, ..config(&owner, control("inverse-bce:1e-6")) };
-    let error = train(&gpu, &owner, config).err().expect("no convolution survives weights of 1e38");
+    let error = train(&gpu, &owner, config).expect_err("no convolution survives weights of 1e38");
     assert!(matches!(error, EngineError::NotFinite { .. }), "{error}");
 }

@@ -10,7 +10,6 @@ mod id_code;
 pub(crate) mod key;
 mod message;
 mod metrics;
-mod offset_gradient;
 mod other_owners;
 mod prf;
 pub(crate) mod receipt;

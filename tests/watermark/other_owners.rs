@@ -1,6 +1,8 @@
 //! What clips without the mark say, bit by bit, and what copies of other owners say.
 
-use guard4d_engine::watermark::cross_examination::{OtherOwner, OtherScene, Witnesses, cross_examine, read_other_owners};
+use guard4d_engine::watermark::cross_examination::{
+    OtherOwner, OtherScene, Witnesses, cross_examine, read_other_owners,
+};
 use guard4d_engine::watermark::embed::{Embedded, Embedding, Subject};
 use guard4d_engine::watermark::evaluate::{HeldOut, leak};
 use guard4d_engine::watermark::key::Key;

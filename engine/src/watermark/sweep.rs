@@ -60,9 +60,8 @@ pub fn sweep(
     cameras: &CameraSet,
 ) -> Result<Vec<StrengthPoint>, EngineError> {
     let clean = &subject.model.gaussians.sh_coeffs;
-    let usage = |what: &str, got: String, expected: String| {
-        Err(EngineError::Usage { what: what.to_owned(), got, expected })
-    };
+    let usage =
+        |what: &str, got: String, expected: String| Err(EngineError::Usage { what: what.to_owned(), got, expected });
     if marked_sh.len() != clean.len() {
         let expected = format!("{}, as many as the model has", clean.len());
         return usage("marked coefficients", marked_sh.len().to_string(), expected);
