@@ -242,9 +242,12 @@ pub(crate) struct ObjectiveArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum FitArg {
-    /// Stop when clips that training never sees show, beyond doubt, the bits that the quality gate asks for at the fidelity asked for
+    /// Begin with the base colour of the splats that carry most of the light and half of the views; take all splats and
+    /// views, and with `--bases all` all coefficients, when clips that training never sees show no more progress. Stop when
+    /// they show, beyond doubt, the bits that the quality gate asks for, or no progress on the last rung either. The
+    /// extractor stays what it is: `joint` gives no exact p-value, and is never chosen for you
     Auto,
-    /// Take all steps of the profile: the strongest mark
+    /// Take all steps of the profile on everything: the strongest mark
     Full,
 }
 
@@ -330,7 +333,7 @@ pub(crate) struct EmbedArgs {
     /// How much work to spend
     #[arg(long, value_enum, default_value = "balanced")]
     pub(crate) profile: ProfileArg,
-    /// Whether to stop as soon as the mark is good enough
+    /// Whether to do no more than the scene needs
     #[arg(long, value_enum, default_value = "full")]
     pub(crate) fit: FitArg,
     /// What a frame passes through before CLIP, and so what a match proves

@@ -8,6 +8,7 @@ pub(crate) mod forgery;
 mod gate;
 mod id_code;
 pub(crate) mod key;
+mod ladder;
 mod message;
 mod metrics;
 mod other_owners;

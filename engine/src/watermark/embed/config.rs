@@ -9,7 +9,7 @@ use guard4d_kernels::loss::bce::Objective;
 use rand_chacha::ChaCha20Rng;
 use serde::{Serialize, Serializer};
 
-use super::enough::StopRule;
+use super::ladder::{Ladder, Rung, name_of_bases};
 use crate::distortion::{Distortion, Drawn};
 use crate::error::EngineError;
 use crate::lpips::{LpipsInput, LpipsWeights};
@@ -31,6 +31,16 @@ const DEFAULT_NULL_LEVEL: f64 = 0.02;
 const DEFAULT_RESPONSE_LEVEL: f64 = 0.0125;
 /// Steps between two measurements on held-out clips: often enough to watch, seldom enough to cost little.
 const DEFAULT_HELD_OUT_EVERY: usize = 25;
+/// Clips that are measured and never trained on; two keep a measurement every 25 steps below 5 % of the time.
+const HELD_OUT_CLIPS: u32 = 2;
+/// As many where they decide what is trained: the share of bits right is then known to one part in a hundred.
+const CLIMBING_HELD_OUT: u32 = 8;
+/// Share of the light that the splats of the lowest rung carry: the last tenth is spread over very many.
+const MOST_LIGHT: f32 = 0.9;
+/// Most steps on a rung.
+const RUNG_STEPS: usize = 100;
+/// Looks without progress after which a rung is left.
+const PATIENCE: u32 = 2;
 /// Least fidelity that an embedding can be held to, dB: a hold that never binds.
 const UNBOUND_PSNR: f32 = 20.0;
 /// Powers of its light that a splat's rate may grow with.
@@ -271,12 +281,12 @@ pub struct EmbedConfig {
     /// Standard deviation of these fields, in colour.
     pub response_level: f64,
     /// Steps between two measurements on held-out clips; 0 for none. It changes no result, so that it is no part of
-    /// what names one.
+    /// what names one. A ladder has looks of its own instead.
     #[serde(skip)]
     pub held_out_every: usize,
-    /// When training ends before its last step; `None` takes all steps.
+    /// Rungs that training climbs, and when it ends before its last step; `None` takes all steps, with everything.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub stop: Option<StopRule>,
+    pub ladder: Option<Ladder>,
 }
 
 impl EmbedConfig {
@@ -329,7 +339,7 @@ impl EmbedConfig {
             responses,
             response_level: 0.0,
             held_out_every: DEFAULT_HELD_OUT_EVERY,
-            stop: None,
+            ladder: None,
         }
         .sized_for(DEFAULT_TARGET_PSNR);
         if profile.is_the_papers() { config.with_the_papers_objective() } else { config }
@@ -385,22 +395,53 @@ impl EmbedConfig {
         }
     }
 
-    /// The same, but no more of it than the asset needs: training ends when held-out clips show a share `sure` of the bits
-    /// beyond doubt at the target fidelity, which is held from the start so that this can be soon.
+    /// The same, but no more of it than the asset needs. Training begins with the DC terms of the splats that carry most of
+    /// the light and half of the views, goes on to all splats and views, and then, with `bases` of `all`, to all
+    /// coefficients. It climbs where held-out clips show no more progress, and ends at the top, or when they show a share
+    /// `sure` of the message's `bits` beyond doubt at the target fidelity. That fidelity is held from the start, so that
+    /// this can be soon, and the calibration makes do with half of the random fields. The extractor stays of its mode.
     #[must_use]
-    pub fn until_enough(self, sure: f32) -> Self {
-        let stop = Some(StopRule { sure, every: DEFAULT_HELD_OUT_EVERY });
-        Self { start_psnr: self.target_psnr, stop, ..self }
+    pub fn climbing(self, sure: f32, bits: usize) -> Self {
+        let dc = |reach: f32, views: u32| Rung { bases: OffsetBases::Dc, reach, views, steps: RUNG_STEPS };
+        let mut rungs = vec![dc(MOST_LIGHT.min(self.reach), self.views.div_ceil(2)), dc(self.reach, self.views)];
+        if self.bases == OffsetBases::All {
+            rungs.push(Rung { bases: self.bases, ..dc(self.reach, self.views) });
+        }
+        let every = DEFAULT_HELD_OUT_EVERY;
+        let ladder = Some(Ladder { rungs, sure, every, patience: PATIENCE, held_out: CLIMBING_HELD_OUT });
+        let responses = self.responses.div_ceil(2).max(bits);
+        Self { start_psnr: self.target_psnr, responses, ladder, ..self }
     }
 
-    /// Whether there are clips that no step is taken on.
-    pub(super) fn has_held_out(&self) -> bool {
-        self.held_out_every > 0 || self.stop.is_some()
+    /// The settings on a rung of the ladder, or all of them where there is none.
+    pub(super) fn on_rung(&self, number: usize) -> Self {
+        match self.ladder.as_ref().and_then(|ladder| ladder.rungs.get(number)) {
+            Some(Rung { bases, reach, views, .. }) => {
+                Self { bases: *bases, reach: *reach, views: *views, ..self.clone() }
+            }
+            None => self.clone(),
+        }
+    }
+
+    /// Steps between two measurements on held-out clips, if any are asked for.
+    pub(super) fn looks_every(&self) -> Option<usize> {
+        let every = self.ladder.as_ref().map_or(self.held_out_every, |ladder| ladder.every);
+        (every > 0).then_some(every)
+    }
+
+    /// Clips that no step is taken on.
+    pub(super) fn held_out_clips(&self) -> u32 {
+        match &self.ladder {
+            Some(ladder) => ladder.held_out,
+            None if self.held_out_every > 0 => HELD_OUT_CLIPS,
+            None => 0,
+        }
     }
 
     /// Whether splats have rates of their own.
     pub(super) fn rates_differ(&self) -> bool {
-        self.reach < 1.0 || self.visibility != 0.0
+        let reaches = self.ladder.iter().flat_map(|ladder| &ladder.rungs).map(|rung| rung.reach);
+        self.visibility != 0.0 || reaches.chain([self.reach]).any(|reach| reach < 1.0)
     }
 
     /// Whether SSIM is part of the loss.
@@ -486,13 +527,12 @@ impl EmbedConfig {
                 expected: "at least 1, and 1 for all but `joint`, which alone has controls".to_owned(),
             });
         }
-        if let Some(StopRule { sure, every }) = self.stop
-            && !((0.0..=1.0).contains(&sure) && every > 0)
-        {
+        if let Some(ladder) = self.ladder.as_ref().filter(|ladder| !ladder.is_sensible(self.views)) {
             return Err(EngineError::Usage {
-                what: "bits that end training".to_owned(),
-                got: format!("{sure}, looked for every {every} steps"),
-                expected: "a share from 0 to 1, looked for every step or less often".to_owned(),
+                what: "ladder".to_owned(),
+                got: format!("{ladder:?}"),
+                expected: "rungs that each have as much as the one below, a share from 0 to 1 of bits, and no zeros"
+                    .to_owned(),
             });
         }
         if let Some(term) = &self.lpips {
@@ -568,12 +608,4 @@ fn is_zero(power: &f32) -> bool {
 
 fn name_of_weights<S: Serializer>(weights: &Arc<LpipsWeights>, serializer: S) -> Result<S::Ok, S::Error> {
     weights.as_ref().serialize(serializer)
-}
-
-#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
-fn name_of_bases<S: Serializer>(bases: &OffsetBases, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_str(match bases {
-        OffsetBases::Dc => "dc",
-        OffsetBases::All => "all",
-    })
 }
