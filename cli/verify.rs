@@ -79,6 +79,11 @@ pub(crate) fn human(report: &Report) -> String {
     for line in &report.damage {
         rows.push(("damaged", line.clone()));
     }
+    rows.push(("receipt", report.commitment.to_string()));
+    rows.push((
+        "not shown here",
+        "that the receipt is older than the clip; a timestamp by someone else can".to_owned(),
+    ));
     table(&rows)
 }
 

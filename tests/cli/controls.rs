@@ -70,19 +70,7 @@ impl Rigged {
         let extractor = rig(gpu, (&clip, &key), frames.frames(), &message);
         fs::create_dir(rigged.file("private")).expect("writable");
         extractor.write(&rigged.file("private").join(EXTRACTOR), &key, Existing::Refuse).expect("writable");
-        let promise = Promise {
-            key_id: key.prf().key_id(),
-            num_bits: bits,
-            message_mac: message.commitment(&key.prf()),
-            payload: payload.id_bits(),
-            token_table: key.table.digest(),
-            decoder: key.decoder_digest(),
-            extractor_mode: extractor.mode,
-            extractor: Some(extractor.digest(&key).expect("shapes fit")),
-            clip: key.clip,
-            preprocess: PREPROCESS.to_owned(),
-            thresholds: thresholds(key.bits()),
-        };
+        let promise = Promise { payload: payload.id_bits(), ..promise(&key, &message, &extractor) };
         let receipt = Receipt::seal(ReceiptBody { promise, ..body() }).expect("finite figures");
         receipt.write(&rigged.file("private").join(RECEIPT)).expect("writable");
         rigged
@@ -112,6 +100,23 @@ impl Rigged {
     }
 }
 
+/// What a receipt promises of an extractor that reads `message`.
+pub(super) fn promise(key: &Key, message: &Message, extractor: &ExtractorWeights) -> Promise {
+    Promise {
+        key_id: key.prf().key_id(),
+        num_bits: message.num_bits(),
+        message_mac: message.commitment(&key.prf()),
+        payload: None,
+        token_table: key.table.digest(),
+        decoder: key.decoder_digest(),
+        extractor_mode: extractor.mode,
+        extractor: Some(extractor.digest(key).expect("shapes fit")),
+        clip: key.clip,
+        preprocess: PREPROCESS.to_owned(),
+        thresholds: thresholds(key.bits()),
+    }
+}
+
 /// A key file of 16 bits; all have the same random decoder.
 fn key_of(clip: &Clip, secret: [u8; 32]) -> TensorFile {
     key_file_with(clip, secret, BITS, 11)
@@ -121,12 +126,12 @@ fn key_bytes(clip: &Clip, secret: [u8; 32]) -> Vec<u8> {
     key_of(clip, secret).to_bytes().expect("serialises")
 }
 
-fn views() -> [&'static dyn AsRef<OsStr>; 6] {
+pub(super) fn views() -> [&'static dyn AsRef<OsStr>; 6] {
     VIEWS.each_ref().map(|word| word as &dyn AsRef<OsStr>)
 }
 
 /// Random directions, and zeros that make `frames` say `message`.
-fn rig(gpu: &Gpu, (clip, key): (&Clip, &Key), frames: &[Frame], message: &Message) -> ExtractorWeights {
+pub(super) fn rig(gpu: &Gpu, (clip, key): (&Clip, &Key), frames: &[Frame], message: &Message) -> ExtractorWeights {
     let width = key.text_mean.len();
     let mut extractor = ExtractorWeights {
         mode: ExtractorMode::Blind,

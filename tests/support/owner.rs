@@ -28,6 +28,8 @@ pub(crate) const BITS: u32 = 8;
 /// Side of the training frames in pixels.
 const SIDE_PX: u32 = 64;
 const SECRET: [u8; 32] = [7; 32];
+/// Logit of a written bit of [`reading_key_file`].
+const LOGIT_PER_CODE: f32 = 6.0;
 
 /// Everything an embedding needs, made in a moment: the key's decoder is random instead of trained.
 pub(crate) struct Owner {
@@ -41,6 +43,15 @@ pub(crate) struct Owner {
 
 impl Owner {
     pub(crate) fn new(gpu: &Gpu) -> Self {
+        Self::with_key(gpu, key_file)
+    }
+
+    /// With a key that reads, of `bits` bits.
+    pub(crate) fn reading(gpu: &Gpu, bits: u32) -> Self {
+        Self::with_key(gpu, |clip| reading_key_file(clip, SECRET, bits))
+    }
+
+    fn with_key(gpu: &Gpu, key_file: impl Fn(&Clip) -> TensorFile) -> Self {
         let clip = Clip::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
         let folder = tempfile::tempdir().expect("a temporary folder can be made");
         let path = folder.path().join("owner.key");
@@ -53,7 +64,7 @@ impl Owner {
             steps: 4,
             views: 2,
             size_px: (SIDE_PX, SIDE_PX),
-            responses: 2 * BITS as usize,
+            responses: 2 * key.bits(),
             seed: 5,
             held_out_every: 0,
             ..EmbedConfig::new(Profile::Draft, ExtractorMode::Blind)
@@ -120,6 +131,33 @@ pub(crate) fn key_file_with(clip: &Clip, secret: [u8; 32], bits: u32, seed: u64)
     for (i, (inputs, outputs)) in DecoderWeights::sizes(width, bits as usize).into_iter().enumerate() {
         add(format!("decoder.{i}.weight"), &[outputs, inputs], 0.1);
         add(format!("decoder.{i}.bias"), &[outputs], 0.1);
+    }
+    sealed(file)
+}
+
+/// The same with a decoder that reads: its logits are what a linear map makes of the codes, so that nothing needs training.
+///
+/// Each bit has two hidden units of opposite sign, and GELU(x) − GELU(−x) = x.
+pub(crate) fn reading_key_file(clip: &Clip, secret: [u8; 32], bits: u32) -> TensorFile {
+    let mut file = key_file_with(clip, secret, bits, 11);
+    let (bits, width) = (bits as usize, clip.config().projection_dim);
+    let codes = file.finite("codes", &[bits, width]).expect("a tensor of keys").to_vec();
+    let sizes = DecoderWeights::sizes(width, bits);
+    let mut layers = sizes.map(|(inputs, outputs)| vec![0.0; inputs * outputs]);
+    for (bit, code) in codes.chunks_exact(width).enumerate() {
+        let square: f32 = code.iter().map(|c| c * c).sum();
+        for (hidden, sign) in [(2 * bit, 1.0), (2 * bit + 1, -1.0)] {
+            for (weight, c) in layers[0][hidden * width..][..width].iter_mut().zip(code) {
+                *weight = sign * LOGIT_PER_CODE * c / square;
+            }
+            layers[1][hidden * sizes[1].0 + 2 * bit] = sign;
+            layers[1][hidden * sizes[1].0 + 2 * bit + 1] = -sign;
+            layers[2][bit * sizes[2].0 + hidden] = sign;
+        }
+    }
+    for (i, (layer, (inputs, outputs))) in layers.into_iter().zip(sizes).enumerate() {
+        file.tensors.insert(format!("decoder.{i}.weight"), Tensor::f32(&[outputs, inputs], layer));
+        file.tensors.insert(format!("decoder.{i}.bias"), Tensor::f32(&[outputs], vec![0.0; outputs]));
     }
     sealed(file)
 }

@@ -5,11 +5,22 @@ use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::gate::{Figure, Gate};
 use guard4d_engine::watermark::metrics::{Decibels, PsnrSummary, SquaredError};
 use guard4d_engine::watermark::null_panel::{ControlState, Leak};
+use guard4d_engine::watermark::per_bit::PerBit;
 
 fn evaluation(marked: f64, psnr_db: f64) -> Evaluation {
     let psnr = PsnrSummary::of(&[SquaredError { sum: 0.01, num_samples: 300 }]).expect("one view");
     let state = ControlState::Quiet;
     let leak = Leak { matches: 48, num_bits: 96, deviation: 0.0, band_low: 36, band_high: 60, state };
+    let bits = PerBit {
+        clips: 6,
+        agreeing: vec![3; 16],
+        max_deviation: 0.0,
+        constant: 0,
+        constant_by_chance: 0.5,
+        band_low: 0,
+        band_high: 6,
+        state,
+    };
     Evaluation {
         mode: ExtractorMode::Blind,
         clips: 6,
@@ -19,8 +30,10 @@ fn evaluation(marked: f64, psnr_db: f64) -> Evaluation {
         matches: vec![14; 6],
         clean: 0.5,
         clean_leak: leak.clone(),
+        clean_bits: bits.clone(),
         noisy: 0.5,
         noisy_leak: leak,
+        noisy_bits: bits,
         psnr: PsnrSummary { mean_of_views_db: Decibels(psnr_db), ..psnr },
         foreground_psnr: psnr,
         ssim: 1.0,

@@ -14,6 +14,7 @@ use super::key::Key;
 use super::message::Message;
 use super::null_panel::{Control, ControlKind, Leak};
 use super::other_keys::ThrowawayKeys;
+use super::per_bit::PerBit;
 use super::prf::Purpose;
 use super::reading::Reading;
 use crate::error::EngineError;
@@ -46,6 +47,8 @@ pub struct CrossExamination {
     pub evidence: Evidence,
     /// Bits of the message in other scenes' clips; none without other scenes.
     pub other_scenes: Option<Leak>,
+    /// The same bit by bit, over the clips of all other scenes.
+    pub other_scenes_bits: Option<PerBit>,
     /// Bits of the message in the marked clips, read by the same extractor with the stranger's key: what the private
     /// extractor file gives away by itself, since its calibration assigns directions to bits.
     pub wrong_key: Leak,
@@ -90,9 +93,11 @@ pub fn cross_examine(
         controls.push(Control { kind: ControlKind::OtherKey, name, reading, message: own });
     }
     let untrained = witnesses.untrained.map(|e| leak(&read(subject.key, e, &held_out.marked)?, message)).transpose()?;
+    let elsewhere = Some(elsewhere).filter(|readings| !readings.is_empty());
     Ok(CrossExamination {
         evidence: evidence(subject, extractor, held_out, &controls)?,
-        other_scenes: if elsewhere.is_empty() { None } else { Some(leak(&elsewhere, message)?) },
+        other_scenes: elsewhere.as_ref().map(|readings| leak(readings, message)).transpose()?,
+        other_scenes_bits: elsewhere.as_ref().map(|readings| PerBit::of(readings, message)).transpose()?,
         wrong_key: leak(&strange, message)?,
         wrong_key_own: leak(&strange, &own)?,
         untrained,
@@ -156,4 +161,48 @@ pub fn read_swap(
     let mut reader = Reader::new(subject.device, subject.clip, subject.key, extractor)?;
     let readings = read_clips(&mut reader, &copy.marked, subject.key.bits())?;
     Ok(Swap { second: leak(&readings, second)?, first: leak(&readings, subject.message)? })
+}
+
+/// Clips of the subject's asset that somebody else marked: with another key, another message and another extractor.
+#[derive(Clone, Copy, Debug)]
+pub struct OtherOwner<'a> {
+    /// For the report.
+    pub name: &'a str,
+    /// Clips of marked 8-bit frames, of the asset that the subject marked too.
+    pub clips: &'a [Vec<Frame>],
+}
+
+/// What an extractor says of copies that other owners marked.
+#[derive(Clone, Debug, Serialize)]
+pub struct OtherOwners {
+    /// Bits of the subject's message, which is in none of them, in all clips together: at chance if it takes the subject's
+    /// mark to make the extractor say it, and not just any mark.
+    pub all: Leak,
+    /// The same bit by bit.
+    pub bits: PerBit,
+    /// The same owner by owner, with their names.
+    pub owners: Vec<(String, Leak)>,
+}
+
+/// Reads copies that other owners marked through the subject's key and extractor; `None` without a clip.
+///
+/// # Errors
+/// As [`cross_examine`].
+pub fn read_other_owners(
+    subject: &Subject<'_>,
+    extractor: &ExtractorWeights,
+    owners: &[OtherOwner<'_>],
+) -> Result<Option<OtherOwners>, EngineError> {
+    let mut reader = Reader::new(subject.device, subject.clip, subject.key, extractor)?;
+    let (mut all, mut each) = (Vec::new(), Vec::new());
+    for owner in owners.iter().filter(|owner| !owner.clips.is_empty()) {
+        let readings = read_clips(&mut reader, owner.clips, subject.key.bits())?;
+        each.push((owner.name.to_owned(), leak(&readings, subject.message)?));
+        all.extend(readings);
+    }
+    if all.is_empty() {
+        return Ok(None);
+    }
+    let (leak, bits) = (leak(&all, subject.message)?, PerBit::of(&all, subject.message)?);
+    Ok(Some(OtherOwners { all: leak, bits, owners: each }))
 }

@@ -10,6 +10,7 @@ use super::key::Key;
 use super::message::Message;
 use super::metrics::{Picture, PsnrSummary, SquaredError, foreground, ssim};
 use super::null_panel::Leak;
+use super::per_bit::PerBit;
 use super::prf::{Purpose, standard_normal};
 use super::reading::Reading;
 use crate::clip::Clip;
@@ -57,10 +58,14 @@ pub struct Evaluation {
     pub clean: f64,
     /// The same count against what chance gives.
     pub clean_leak: Leak,
+    /// The same bit by bit.
+    pub clean_bits: PerBit,
     /// The same with noise on the clean clips.
     pub noisy: f64,
     /// The same count against what chance gives.
     pub noisy_leak: Leak,
+    /// The same bit by bit.
+    pub noisy_bits: PerBit,
     /// Whole-frame fidelity.
     pub psnr: PsnrSummary,
     /// Fidelity of the object alone.
@@ -178,8 +183,10 @@ impl HeldOut {
             matches,
             clean: mean_accuracy(&clean, message)?,
             clean_leak: leak(&clean, message)?,
+            clean_bits: PerBit::of(&clean, message)?,
             noisy: mean_accuracy(&noisy, message)?,
             noisy_leak: leak(&noisy, message)?,
+            noisy_bits: PerBit::of(&noisy, message)?,
             psnr: self.psnr()?,
             foreground_psnr: summary(self.errors.iter().map(|(_, object)| *object))?,
             ssim: self.ssim.iter().sum::<f64>() / self.ssim.len().max(1) as f64,

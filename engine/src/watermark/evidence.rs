@@ -88,6 +88,19 @@ impl Default for Thresholds {
 }
 
 impl Thresholds {
+    /// Whether this rule says "present" no more easily than `other` does. A rate that is no number is easier than any.
+    ///
+    /// Both tests are exact, so that either may decide. `control_level` is how often controls fire by chance: controls that
+    /// fire less often forbid less.
+    #[must_use]
+    pub fn is_as_strict_as(&self, other: &Self) -> bool {
+        self.fpr <= other.fpr
+            && self.num_claims >= other.num_claims
+            && self.min_frames >= other.min_frames
+            && self.min_side_px >= other.min_side_px
+            && self.control_level >= other.control_level
+    }
+
     /// Checks that the rule is one: rates in (0, 1), `fpr` ≤ `absent_above`, at least one claim and frame.
     ///
     /// # Errors

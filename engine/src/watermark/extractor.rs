@@ -71,7 +71,8 @@ impl ExtractorWeights {
         AtomicFile::write(path, existing, &self.file(key).to_bytes()?)
     }
 
-    /// Reads an extractor that belongs to `key`.
+    /// Reads an extractor that belongs to `key`. A file that calls itself blind to the message is refused if its R does
+    /// what only a trained network does: it may have been trained to say the message.
     ///
     /// # Errors
     /// [`EngineError::BadData`] naming what does not fit.
@@ -87,12 +88,26 @@ impl ExtractorWeights {
             got: e.to_string(),
             expected: "none, blind, general or joint".to_owned(),
         })?;
-        Ok(Self {
-            mode,
-            tmsd: TmsdWeights::load(&file)?,
-            calibration: Calibration::load(&file, key.text_mean.len(), key.bits())?,
-        })
+        let tmsd = TmsdWeights::load(&file)?;
+        check_blindness(&file, mode, tmsd.as_ref())?;
+        Ok(Self { mode, tmsd, calibration: Calibration::load(&file, key.text_mean.len(), key.bits())? })
     }
+}
+
+/// Refuses an R that its mode cannot have.
+fn check_blindness(file: &TensorFile, mode: ExtractorMode, tmsd: Option<&TmsdWeights>) -> Result<(), EngineError> {
+    let Some(tmsd) = tmsd else { return Ok(()) };
+    let (got, expected) = match mode {
+        ExtractorMode::Joint => return Ok(()),
+        ExtractorMode::None => ("R", "none in an extractor of mode `none`".to_owned()),
+        // A general network would have to be a known one; so far there is none.
+        ExtractorMode::Blind | ExtractorMode::General if tmsd.is_trained() => {
+            let expected = format!("a colour map alone in an extractor of mode `{mode}`, which never saw a message");
+            ("a trained network", expected)
+        }
+        ExtractorMode::Blind | ExtractorMode::General => return Ok(()),
+    };
+    Err(file.bad("tmsd", got, &expected))
 }
 
 /// What the tower reads at once, and its working memory.
@@ -326,6 +341,58 @@ pub fn decode(
     Ok(pass.logits.read()?)
 }
 
+/// Brings 8-bit frames of one size to CLIP's.
+pub(super) struct Intake {
+    size: ImageSize,
+    plan: ResizePlan,
+    scratch: Buffer<f32>,
+    /// Frames as they are `[F,H,W,4]`.
+    full: Buffer<f32>,
+}
+
+impl Intake {
+    /// Room for frames of the size of `first`, which CLIP sees at `side` × `side` pixels.
+    ///
+    /// # Errors
+    /// When memory runs out.
+    pub(super) fn new(device: &Device, first: &Frame, side: usize) -> Result<Self, EngineError> {
+        let size = ImageSize { height: first.height() as usize, width: first.width() as usize };
+        let plan = ResizePlan::new(device, size, ImageSize { height: side, width: side })?;
+        Ok(Self {
+            scratch: plan.scratch(device, CLIP_FRAMES)?,
+            full: device.buffer("intake.full", CLIP_FRAMES * size.height * size.width * 4)?,
+            size,
+            plan,
+        })
+    }
+
+    /// A clip of [`CLIP_FRAMES`] from at most as many frames, the last repeated, into `resized` `[F,S,S,4]`. The recording has
+    /// to be submitted before the next one loads.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] with frames of another size; when the device fails.
+    pub(super) fn load(
+        &mut self,
+        rec: &mut Recorder,
+        frames: &[Frame],
+        resized: &mut Buffer<f32>,
+    ) -> Result<(), EngineError> {
+        let ImageSize { height, width } = self.size;
+        for i in 0..CLIP_FRAMES {
+            let frame = &frames[i.min(frames.len() - 1)];
+            if (frame.height() as usize, frame.width() as usize) != (height, width) {
+                return Err(EngineError::Usage {
+                    what: "clip".to_owned(),
+                    got: format!("a frame of {} x {} px", frame.width(), frame.height()),
+                    expected: format!("{width} x {height} px like the first"),
+                });
+            }
+            self.full.write_at(i * height * width * 4, &frame.to_rgba32f())?;
+        }
+        Ok(resize::forward(rec, &self.plan, &self.full, resized, &mut self.scratch)?)
+    }
+}
+
 /// A ready extractor that reads 8-bit frames.
 #[derive(Debug)]
 pub struct Reader {
@@ -383,26 +450,11 @@ impl Reader {
                 expected: "at least one frame".to_owned(),
             });
         };
-        let size = ImageSize { height: first.height() as usize, width: first.width() as usize };
-        let side = self.features.side();
-        let plan = ResizePlan::new(&self.device, size, ImageSize { height: side, width: side })?;
-        let mut scratch = plan.scratch(&self.device, CLIP_FRAMES)?;
-        let mut full = self.device.buffer::<f32>("reader.clip", CLIP_FRAMES * size.height * size.width * 4)?;
+        let mut intake = Intake::new(&self.device, first, self.features.side())?;
         let mut sight = Sight::default();
         for chunk in frames.chunks(CLIP_FRAMES) {
-            for i in 0..CLIP_FRAMES {
-                let frame = &chunk[i.min(chunk.len() - 1)];
-                if (frame.height() as usize, frame.width() as usize) != (size.height, size.width) {
-                    return Err(EngineError::Usage {
-                        what: "clip".to_owned(),
-                        got: format!("a frame of {} x {} px", frame.width(), frame.height()),
-                        expected: format!("{} x {} px like the first", size.width, size.height),
-                    });
-                }
-                full.write_at(i * size.height * size.width * 4, &frame.to_rgba32f())?;
-            }
             let mut rec = self.device.recorder()?;
-            resize::forward(&mut rec, &plan, &full, &mut self.resized, &mut scratch)?;
+            intake.load(&mut rec, chunk, &mut self.resized)?;
             self.features.forward(&mut rec, &[&self.resized])?;
             self.decoder.forward(&mut rec, self.features.features(), &mut self.pass)?;
             rec.submit()?;

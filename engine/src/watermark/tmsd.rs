@@ -102,6 +102,12 @@ impl TmsdWeights {
         Self { config, colour_map, layers: config.channels().into_iter().enumerate().map(layer).collect() }
     }
 
+    /// Whether the network does anything: one that was never trained has a last layer of zeros, and leaves R(x) = M x.
+    #[must_use]
+    pub fn is_trained(&self) -> bool {
+        self.layers.last().is_some_and(|layer| layer.iter().any(|w| *w != 0.0))
+    }
+
     /// Adds the tensors `tmsd.{i}.weight` and the sizes to a file.
     pub fn store(&self, file: &mut TensorFile) {
         let config = serde_json::to_string(&self.config).expect("numbers are valid JSON");

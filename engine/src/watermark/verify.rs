@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use guard4d_kernels::Device;
 
-use super::delivery::EXTRACTOR;
+use super::delivery::{EXTRACTOR, thresholds};
+use super::digest::Digest;
 use super::evidence::{Claim, Evidence, judge};
-use super::extractor::{ExtractorWeights, Reader, Sight, decode};
+use super::extractor::{ExtractorWeights, PREPROCESS, Reader, Sight, decode};
 use super::id_code::{IdBits, IdCode, IdReading, SearchedP};
 use super::key::Key;
 use super::message::{Message, Payload};
@@ -131,6 +132,8 @@ pub struct ClipReading {
 pub struct Report {
     /// Verdict, p-value, null panel.
     pub evidence: Evidence,
+    /// What the evidence rests on: the receipt's commitment. That it is older than the clip, this report cannot say.
+    pub commitment: Digest,
     /// The id read, if ids are asked for.
     pub id: Option<IdEvidence>,
     /// Each suspect clip by itself.
@@ -168,6 +171,7 @@ impl Case<'_> {
         let receipt = Receipt::read(self.receipt)?;
         receipt.verify_commitment(self.receipt)?;
         self.check_key(&receipt)?;
+        self.check_rule(&receipt)?;
         let promised = self.promised(&receipt)?;
         let extractor = self.extractor(&receipt)?;
         let mut reader = Reader::new(self.device, self.clip, self.key, &extractor)?;
@@ -203,7 +207,8 @@ impl Case<'_> {
         let code = promised.id.map(|(code, _)| code);
         let clips = suspects.readings.iter().map(|(name, reading)| self.alone(name, reading, &message, code));
         let clips = clips.collect::<Result<_, _>>()?;
-        Ok(Report { evidence, id, clips, frames: suspects.frames, damage: suspects.damage })
+        let Suspects { frames, damage, .. } = suspects;
+        Ok(Report { evidence, commitment: receipt.commitment, id, clips, frames, damage })
     }
 
     fn look(&self, reader: &mut Reader, paths: &[PathBuf], options: &ReadOptions) -> Result<Suspects, EngineError> {
@@ -321,6 +326,21 @@ impl Case<'_> {
         Ok(())
     }
 
+    /// Refuses a receipt that asks for less than this program does, or for frames that are seen otherwise. Whoever seals a
+    /// receipt could write any rule into it.
+    fn check_rule(&self, receipt: &Receipt) -> Result<(), EngineError> {
+        let promise = &receipt.body.promise;
+        let rule = thresholds(self.key.bits());
+        if !promise.thresholds.is_as_strict_as(&rule) {
+            let expected = format!("a rule at least as strict as {rule:?}");
+            return Err(bad(self.receipt, "thresholds", format!("{:?}", promise.thresholds), expected));
+        }
+        if promise.preprocess != PREPROCESS {
+            return Err(bad(self.receipt, "preprocess", promise.preprocess.clone(), PREPROCESS.to_owned()));
+        }
+        Ok(())
+    }
+
     /// The message that the receipt commits to, which has to be what is sought, or one of the ids that are.
     fn promised(&self, receipt: &Receipt) -> Result<Promised, EngineError> {
         let prf = self.key.prf();
@@ -353,6 +373,11 @@ impl Case<'_> {
         let path = self.receipt.with_file_name(EXTRACTOR);
         let extractor = ExtractorWeights::read(&path, self.key)?;
         let digest = extractor.digest(self.key)?;
+        let mode = receipt.body.promise.extractor_mode;
+        if extractor.mode != mode {
+            let expected = format!("{mode}, as committed in the receipt");
+            return Err(bad(&path, "mode", extractor.mode.to_string(), expected));
+        }
         let promised = receipt.body.promise.extractor;
         if promised != Some(digest) {
             let expected = promised.map_or_else(|| "none".to_owned(), |d| d.to_string());

@@ -38,6 +38,7 @@ use crate::watermark::extractor::{ExtractorWeights, FeatureExtractor, Training};
 use crate::watermark::key::Key;
 use crate::watermark::message::Message;
 use crate::watermark::prf::{Purpose as Stream, uniform_below, uniform_unit};
+use crate::watermark::sweep::at_strength;
 use ladder::Standing;
 use pool::{ClipPool, is_over_budget};
 use step::{Critic, Rates, Stage};
@@ -82,7 +83,7 @@ impl Embedded {
     /// The coefficients `clean + strength × offsets`; `clean` are those of the unmarked model.
     #[must_use]
     pub fn with_strength(&self, clean: &[f32], strength: f32) -> Vec<f32> {
-        clean.iter().zip(&self.sh_coeffs).map(|(c, m)| if c == m { *m } else { c + strength * (m - c) }).collect()
+        at_strength(clean, &self.sh_coeffs, strength)
     }
 }
 
@@ -335,6 +336,11 @@ impl<'a> Embedding<'a> {
             Training::Tmsd => critic.features.tmsd().map(|tmsd| tmsd.weights()).transpose()?,
             Training::Frozen => None,
         };
+        // A loss is looked at before its step, so that the last one could leave what no loss has told of.
+        check_finite("offsets", &offsets)?;
+        for layer in trained.iter().flat_map(|tmsd| &tmsd.layers) {
+            check_finite("weights of R", layer)?;
+        }
         let recomputed = critic.features.recomputes();
         // Its memory is more than what follows takes.
         drop(critic);
@@ -344,6 +350,7 @@ impl<'a> Embedding<'a> {
             let tmsd = weights.tmsd.as_ref();
             let mut features = clips.with_room(|| FeatureExtractor::new(device, clip, tmsd, 1, Purpose::Features))?;
             fit::set_zero(device, key, &mut features, &mut weights, (&config, &mut clips, &mut stage))?;
+            check_finite("mean logits of unmarked clips", &weights.calibration.mean_logits)?;
         }
         Ok(Embedded {
             sh_coeffs,
@@ -395,6 +402,14 @@ fn check_mode(config: &EmbedConfig, weights: &ExtractorWeights) -> Result<(), En
         got: weights.mode.to_string(),
         expected: config.mode.to_string(),
     })
+}
+
+/// Refuses to hand out what is no number.
+fn check_finite(what: &str, values: &[f32]) -> Result<(), EngineError> {
+    match values.iter().find(|v| !v.is_finite()) {
+        None => Ok(()),
+        Some(value) => Err(EngineError::NotFinite { what: what.to_owned(), got: f64::from(*value) }),
+    }
 }
 
 /// Coefficients plus offsets; those with an offset of zero keep their bits, also those of a negative zero.
