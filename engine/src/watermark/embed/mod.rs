@@ -10,10 +10,11 @@ mod estimate;
 mod fit;
 mod perception;
 mod pool;
+mod repeated;
 mod step;
 
 use std::collections::BTreeMap;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use guard4d_kernels::Device;
 use rand_chacha::ChaCha20Rng;
@@ -22,6 +23,7 @@ pub use config::{Control, EmbedConfig, LpipsTerm, Profile};
 pub use cost::StepPart;
 pub use enough::StopRule;
 pub use estimate::Estimate;
+pub use repeated::Repetition;
 pub use step::{HeldOutReport, StepReport};
 
 use crate::clip::{Clip, Purpose};
@@ -244,6 +246,17 @@ impl<'a> Embedding<'a> {
         }
         *self.seconds.entry("train".to_owned()).or_default() += started.elapsed().as_secs_f64();
         Ok(Some(report))
+    }
+
+    /// Chooses how the passes that are the same in every step come to the device, from the next step on.
+    pub fn repeat(&mut self, how: Repetition) {
+        self.critic.repeated.how = how;
+    }
+
+    /// Host time of recording the last step, before anything of it ran.
+    #[must_use]
+    pub fn recording_time(&self) -> Duration {
+        self.critic.repeated.last_step
     }
 
     /// Whether the step just taken is one whose result is measured on held-out clips.
