@@ -79,7 +79,7 @@ pub(crate) enum Command {
     /// random heights above the horizon (`elevation_deg` in the receipt), with --fov and --size. A part of the scene that
     /// they do not see is not marked. --cameras, or --orbit with --elevation and --frames, only say where the result is
     /// measured.
-    Embed(EmbedArgs),
+    Embed(Box<EmbedArgs>),
     /// Reads a mark from video and says how sure that is
     Verify(VerifyArgs),
     /// Renders a model to 8-bit frames or a video
@@ -242,9 +242,12 @@ pub(crate) struct ObjectiveArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum FitArg {
-    /// Stop when clips that training never sees show, beyond doubt, the bits that the quality gate asks for at the fidelity asked for
+    /// Begin with the base colour of the splats that carry most of the light and half of the views; take all splats and
+    /// views, and with `--bases all` all coefficients, when clips that training never sees show no more progress. Stop when
+    /// they show, beyond doubt, the bits that the quality gate asks for, or no progress on the last rung either. The
+    /// extractor stays what it is: `joint` gives no exact p-value, and is never chosen for you
     Auto,
-    /// Take all steps of the profile: the strongest mark
+    /// Take all steps of the profile on everything: the strongest mark
     Full,
 }
 
@@ -294,6 +297,17 @@ pub(crate) struct LpipsArgs {
     pub(crate) lpips_every: u32,
 }
 
+/// How the mark is spread over the splats.
+#[derive(Args, Debug)]
+pub(crate) struct SpreadArgs {
+    /// Change only the splats that together carry this share of the light in the training views: 1 all, 0.9 far fewer
+    #[arg(long, value_name = "SHARE")]
+    pub(crate) reach: Option<f32>,
+    /// Change splats the faster the more of the light is theirs, by this power (-2 to 2) of it; 0 all alike
+    #[arg(long, value_name = "POWER", allow_negative_numbers = true)]
+    pub(crate) visibility: Option<f32>,
+}
+
 #[derive(Args, Debug)]
 pub(crate) struct EmbedArgs {
     /// 4DGaussians model folder or static INRIA PLY; with --undo the marked one
@@ -319,7 +333,7 @@ pub(crate) struct EmbedArgs {
     /// How much work to spend
     #[arg(long, value_enum, default_value = "balanced")]
     pub(crate) profile: ProfileArg,
-    /// Whether to stop as soon as the mark is good enough
+    /// Whether to do no more than the scene needs
     #[arg(long, value_enum, default_value = "full")]
     pub(crate) fit: FitArg,
     /// What a frame passes through before CLIP, and so what a match proves
@@ -353,6 +367,8 @@ pub(crate) struct EmbedArgs {
     /// SH coefficients to write into, by default `dc`; with the paper's profiles `all`
     #[arg(long, value_enum)]
     pub(crate) bases: Option<BasesArg>,
+    #[command(flatten)]
+    pub(crate) spread: SpreadArgs,
     /// Seed of cameras and noise
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,

@@ -15,7 +15,7 @@ use guard4d_engine::scene::{CameraSet, Model};
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::delivery::{self, Delivery};
 use guard4d_engine::watermark::embed::{
-    EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, LpipsTerm, Profile, Subject,
+    EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, Left, Look, LpipsTerm, Profile, RungReport, Subject,
 };
 use guard4d_engine::watermark::evaluate::Evaluation;
 use guard4d_engine::watermark::evidence::ExtractorMode;
@@ -33,7 +33,7 @@ use crate::args::{
 };
 use crate::devices;
 use crate::progress::bar;
-use crate::report::{Outcome, cost_rows, evidence_in_words, note, print, reading_rows, say, table};
+use crate::report::{Outcome, Row, cost_rows, evidence_in_words, note, percent, print, reading_rows, say, table};
 use crate::stop;
 use crate::views::cameras;
 
@@ -45,6 +45,10 @@ struct Printed<'a> {
     evidence: &'static str,
     missed: &'a [Shortfall],
     seconds: &'a BTreeMap<String, f64>,
+    /// What clips that training never sees showed meanwhile.
+    looks: &'a [Look],
+    /// What each rung bought; empty with `--fit full`.
+    rungs: &'a [RungReport],
     /// Most device memory taken from the driver at one time.
     peak_memory_bytes: u64,
     /// Most of it that was in use at one time; the rest lay idle in blocks.
@@ -84,13 +88,37 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
     let evidence = evidence_in_words(evaluation.mode);
     let MemoryUse { peak_reserved_bytes: peak_memory_bytes, peak_bytes: peak_used_bytes, .. } =
         inputs.device.memory_use();
-    let result =
-        Printed { evaluation: &evaluation, evidence, missed: &missed, seconds, peak_memory_bytes, peak_used_bytes };
+    let result = Printed {
+        evaluation: &evaluation,
+        evidence,
+        missed: &missed,
+        seconds,
+        looks: &embedded.looks,
+        rungs: &embedded.rungs,
+        peak_memory_bytes,
+        peak_used_bytes,
+    };
     print(common, &result, |result| {
         let costs = cost_rows(result.evaluation, result.seconds, result.peak_memory_bytes);
-        table(&[reading_rows(result.evaluation), costs].concat())
+        table(&[reading_rows(result.evaluation), rung_rows(result.rungs), costs].concat())
     })?;
     Ok(judge(&missed))
+}
+
+/// What each rung bought, for people.
+fn rung_rows(rungs: &[RungReport]) -> Vec<Row> {
+    let row = |rung: &RungReport| {
+        let RungReport { splats, offsets, views, steps, left, look } = rung;
+        let why = match left {
+            Left::Enough => "enough",
+            Left::Flat => "no more progress",
+            Left::Steps => "out of steps",
+        };
+        let (bits, sure, psnr) = (percent(look.bit_accuracy.into()), percent(look.sure.into()), look.psnr.0);
+        let what = format!("{offsets} offsets on {splats} splats, {views} clips, {steps} steps: {why}");
+        ("rung", format!("{what}; held out: bits right {bits}, beyond doubt {sure}, {psnr:.2} dB"))
+    };
+    rungs.iter().map(row).collect()
 }
 
 /// What the command line names, opened and checked.
@@ -119,8 +147,8 @@ impl Inputs {
             note(common, &format!("note: {warning}"));
         }
         let message = payload.message(&key.prf())?;
-        let (payload, cameras) = (payload.id_bits(), cameras(&args.views)?);
-        Ok(Self { device, clip, key, model, message, payload, cameras, config: config(args, &gate)?, gate })
+        let (payload, cameras, key_bits) = (payload.id_bits(), cameras(&args.views)?, key.bits());
+        Ok(Self { device, clip, key, model, message, payload, cameras, config: config(args, (&gate, key_bits))?, gate })
     }
 
     fn subject(&self) -> Subject<'_> {
@@ -170,7 +198,7 @@ fn gate(args: &EmbedArgs, bits: usize, searched: u32) -> Result<Gate, EngineErro
 }
 
 /// The profile's numbers with what flags change.
-fn config(args: &EmbedArgs, gate: &Gate) -> Result<EmbedConfig, EngineError> {
+fn config(args: &EmbedArgs, (gate, bits): (&Gate, usize)) -> Result<EmbedConfig, EngineError> {
     let profile = match args.profile {
         ProfileArg::Draft => Profile::Draft,
         ProfileArg::Balanced => Profile::Balanced,
@@ -199,10 +227,12 @@ fn config(args: &EmbedArgs, gate: &Gate) -> Result<EmbedConfig, EngineError> {
         config = config.with_target(target);
     }
     aim(&args.objective, &mut config);
+    config.reach = args.spread.reach.unwrap_or(config.reach);
+    config.visibility = args.spread.visibility.unwrap_or(config.visibility);
     config.lpips = lpips(&args.lpips)?;
     Ok(match args.fit {
         #[allow(clippy::cast_possible_truncation, reason = "a share from 0 to 1")]
-        FitArg::Auto => config.until_enough(gate.min_accuracy as f32),
+        FitArg::Auto => config.climbing(gate.min_accuracy as f32, bits),
         FitArg::Full => config,
     })
 }

@@ -5,16 +5,20 @@
 //   out  param [n] (=)   exp_avg [n] (=)   exp_avg_sq [n] (=)
 //   twin kernels/src/reference/optim/adam.rs   bias_i = 1 - beta_i^t and keep = 1 - decay, from the host
 //   parameter groups: in rows of ROW elements the first HEAD move at lr, the others at lr_tail
+//   in   rates: a factor on both rates for each row, from row first_row on (RATED)
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
 #include "lib/texels.glsl"
 layout(constant_id = 0) const uint ROW = 1;
 layout(constant_id = 1) const uint HEAD = 1;
-layout(push_constant) uniform Params { uint texels; float lr, lr_tail, beta1, beta2, eps, bias1, bias2, keep; } p;
+layout(push_constant) uniform Params { uint texels, first_row; float lr, lr_tail, beta1, beta2, eps, bias1, bias2, keep; } p;
 TEXELS_F32(0, param_before);
 TEXELS_F32(1, exp_avg_before);
 TEXELS_F32(2, exp_avg_sq_before);
 TEXELS_F32(3, v_param);
+#ifdef RATED
+TEXELS_F32(7, rates);
+#endif
 layout(set = 0, binding = 4) writeonly buffer Param { vec4 param[]; };
 layout(set = 0, binding = 5) writeonly buffer ExpAvg { vec4 exp_avg[]; };
 layout(set = 0, binding = 6) writeonly buffer ExpAvgSq { vec4 exp_avg_sq[]; };
@@ -28,7 +32,11 @@ void main() {
     vec4 second = p.beta2 * texel_load(exp_avg_sq_before, at) + (1.0 - p.beta2) * v * v;
     exp_avg[i] = first;
     exp_avg_sq[i] = second;
-    uvec4 place = (4 * i + uvec4(0, 1, 2, 3)) % ROW;
-    vec4 lr = mix(vec4(p.lr_tail), vec4(p.lr), lessThan(place, uvec4(HEAD)));
+    uvec4 element = 4 * i + uvec4(0, 1, 2, 3);
+    vec4 lr = mix(vec4(p.lr_tail), vec4(p.lr), lessThan(element % ROW, uvec4(HEAD)));
+#ifdef RATED
+    uvec4 row = p.first_row + element / ROW;
+    lr *= vec4(texel_pick(rates, row.x), texel_pick(rates, row.y), texel_pick(rates, row.z), texel_pick(rates, row.w));
+#endif
     param[i] = p.keep * texel_load(param_before, at) - lr * (first / p.bias1) / (sqrt(second / p.bias2) + p.eps);
 }

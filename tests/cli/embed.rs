@@ -158,6 +158,8 @@ fn impossible_gates_and_settings_are_refused_before_work() {
     small.run("out", &["--control-every", "0"]).refused(2, &["control_every: 0", "at least 1"]);
     small.run("out", &["--control", "bce"]).refused(2, &["inverse-bce:EPS"]);
     small.run("out", &["--lambda-recon=-1"]).refused(2, &["lambda_recon: -1"]);
+    small.run("out", &["--reach", "0"]).refused(2, &["reach: 0", "at most 1"]);
+    small.run("out", &["--visibility", "-3"]).refused(2, &["visibility: -3", "-2 to 2"]);
     small.run("out", &["--distort", "blur:1..2"]).refused(2, &["blur:1..2", "one strength"]);
     small.set("--extractor", "blind");
     small.run("out", &["--control-every", "2"]).refused(2, &["control_every: 2", "`joint`"]);
@@ -176,6 +178,29 @@ fn the_receipt_tells_how_often_there_was_a_control() {
     let receipt: Value = serde_json::from_slice(&receipt).expect("JSON");
     assert_eq!(receipt["body"]["settings"]["embed"]["control_every"], 2, "{receipt}");
     assert_eq!(receipt["body"]["settings"]["steps_taken"], 3, "{receipt}");
+}
+
+#[test]
+fn the_receipt_and_the_report_tell_what_each_rung_bought() {
+    let Some(gpu) = device() else { return };
+    let mut small = Small::new(&gpu);
+    small.set("--extractor", "blind");
+    small.set("--steps", "3");
+    let done = small.run("out", &["--fit", "auto", "--json", "--min-accuracy", "0"]);
+    done.done();
+    let printed: Value = serde_json::from_str(&done.stdout).expect("JSON on stdout");
+    let receipt = fs::read(small.out("out").join("private/receipt.json")).expect("a receipt");
+    let receipt: Value = serde_json::from_slice(&receipt).expect("JSON");
+    let rungs = printed["rungs"].as_array().expect("a list");
+    assert_eq!(rungs.len(), 1, "three steps are less than one rung has: {printed}");
+    assert_eq!((&rungs[0]["left"], &rungs[0]["steps"], &rungs[0]["views"]), (&"steps".into(), &3.into(), &1.into()));
+    assert_eq!(receipt["body"]["settings"]["rungs"], printed["rungs"], "{receipt}");
+    assert_eq!(receipt["body"]["settings"]["embed"]["ladder"]["rungs"][0]["bases"], "dc", "{receipt}");
+    assert_eq!(printed["looks"][0]["step"], 3, "{printed}");
+    assert!(printed["seconds"]["train on rung 1"].as_f64().is_some_and(|s| s > 0.0), "{printed}");
+    let told = small.run("again", &["--fit", "auto", "--min-accuracy", "0"]);
+    told.done();
+    assert!(told.stdout.contains("1 clips, 3 steps: out of steps; held out: bits right"), "{}", told.stdout);
 }
 
 #[test]

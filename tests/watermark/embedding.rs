@@ -9,7 +9,7 @@ use guard4d_engine::scene::{Camera, CameraSet, View};
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::embed::{
     Control, EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, LpipsTerm, Profile, Repetition, Start,
-    StepReport, StopRule,
+    StepReport,
 };
 use guard4d_engine::watermark::evaluate::HeldOut;
 use guard4d_engine::watermark::evidence::ExtractorMode;
@@ -291,50 +291,6 @@ fn a_control_counts_as_often_as_it_is_left_out() {
 
     let refused = embeddings[2].restore(&path(2)).expect_err("other settings");
     assert!(matches!(&refused, EngineError::BadData { field, .. } if field == "identity"), "{refused}");
-}
-
-#[test]
-fn training_ends_when_the_mark_is_good_enough_also_after_a_break() {
-    let Some(gpu) = device() else { return };
-    let owner = Owner::new(&gpu);
-    let plain = EmbedConfig { steps: 60, ..config(&owner, ExtractorMode::Blind) };
-    let ruled = |sure: f32, target: f32| {
-        let config = plain.clone().with_target(target).until_enough(sure);
-        EmbedConfig { stop: Some(StopRule { sure, every: 2 }), ..config }
-    };
-    let prepare = |config: &EmbedConfig| Embedding::prepare(owner.subject(&gpu), config.clone()).expect("prepares");
-    // Any mark will do: two looks in a row, after two and four steps, then 25 steps to settle.
-    let soon = ruled(0.0, 30.0);
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let path = folder.path().join("checkpoint.safetensors");
-    let mut first = prepare(&soon);
-    let mut looks = Vec::new();
-    for step in 1..=10 {
-        let report = first.step().expect("steps").expect("there are more");
-        assert_eq!(report.held_out.is_some(), step % 2 == 0, "looked after step {step}");
-        looks.extend(report.held_out.map(|held_out| held_out.psnr));
-    }
-    assert!(looks[..2].iter().all(|psnr| *psnr >= 29.75), "at the target: {looks:?}");
-    first.save(&path).expect("saves");
-    let (rest, unbroken) = train(first);
-    assert_eq!((10 + rest.len(), unbroken.steps), (29, 29), "steps taken");
-    let mut second = prepare(&soon);
-    second.restore(&path).expect("restores");
-    let (again, resumed) = train(second);
-    assert_eq!(rest, again, "what the steps after the break see");
-    assert!(coefficients(&unbroken) == coefficients(&resumed), "the same mark with and without a break");
-
-    // Of a mark of 80 dB eight bits show nothing: the rule never finds what it asks for, and every step is taken.
-    let never = EmbedConfig { steps: 8, ..ruled(1.0, 80.0) };
-    let (reports, embedded) = train(prepare(&never));
-    assert_eq!((reports.len(), embedded.steps), (8, 8), "all steps");
-
-    for rule in
-        [StopRule { sure: f32::NAN, every: 2 }, StopRule { sure: 1.5, every: 2 }, StopRule { sure: 1.0, every: 0 }]
-    {
-        let refused = EmbedConfig { stop: Some(rule), ..plain.clone() }.validate().expect_err("nonsense").to_string();
-        assert!(refused.contains("bits that end training"), "{refused}");
-    }
 }
 
 /// Offsets of a trained mark, as bits.

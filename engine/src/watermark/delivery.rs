@@ -92,6 +92,7 @@ pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result
             "embed": to_value(config).unwrap_or_default(),
             "precision": subject.clip.precision().name(),
             "steps_taken": embedded.steps,
+            "rungs": to_value(&embedded.rungs).unwrap_or_default(),
         }),
         figures: figures(&evaluation),
         seconds: embedded.seconds.clone(),

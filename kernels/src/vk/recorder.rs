@@ -188,6 +188,9 @@ pub(super) enum Pass {
 /// Time and availability that the device writes to a query.
 type Query = [u64; 2];
 
+/// A pass with the queries before and after it.
+type Timed = (&'static str, [Query; 2]);
+
 /// Records passes in order; nothing runs before [`Recorder::submit`].
 pub struct Recorder {
     pub(super) device: Arc<DeviceInner>,
@@ -423,7 +426,7 @@ impl Recorder {
     }
 
     /// Names of the timed passes, those in sections among them, each with the queries before and after it.
-    fn queries(&self) -> (Vec<(&'static str, [Query; 2])>, Result<(), KernelError>) {
+    fn queries(&self) -> (Vec<Timed>, Result<(), KernelError>) {
         let mut results: Vec<Query> = vec![[0; 2]; self.timed() + 1];
         let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WITH_AVAILABILITY;
         // SAFETY: the query pool is alive, and the submission that reset and wrote the queries was waited for; on a lost

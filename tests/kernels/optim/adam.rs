@@ -1,6 +1,6 @@
 //! optim/adam: GPU against the twin, and the twin against the update's closed form.
 
-use guard4d_kernels::optim::adam::{AdamConfig, AdamState, Tail, step};
+use guard4d_kernels::optim::adam::{AdamConfig, AdamState, RowRates, Tail, step};
 use guard4d_kernels::reference::optim::adam as twin;
 use guard4d_kernels::{KernelError, Recorder};
 
@@ -9,10 +9,20 @@ use crate::support::golden::Golden;
 use crate::support::gpu::{Gpu, device};
 use crate::support::random::Random;
 
-fn twin_config(config: &AdamConfig, t: i32) -> twin::Adam<f32> {
+fn twin_config(config: &AdamConfig, t: i32) -> twin::Adam<'static, f32> {
     let AdamConfig { lr, beta1, beta2, eps, keep, tail } = *config;
     let tail = tail.map(|t| (t.row, t.head, t.lr));
-    twin::Adam { lr, beta1, beta2, eps, bias1: 1.0 - beta1.powi(t), bias2: 1.0 - beta2.powi(t), keep, tail }
+    twin::Adam {
+        lr,
+        beta1,
+        beta2,
+        eps,
+        bias1: 1.0 - beta1.powi(t),
+        bias2: 1.0 - beta2.powi(t),
+        keep,
+        tail,
+        rates: None,
+    }
 }
 
 fn run(gpu: &Gpu, record: impl FnOnce(&mut Recorder) -> Result<(), KernelError>) {
@@ -25,7 +35,8 @@ fn run(gpu: &Gpu, record: impl FnOnce(&mut Recorder) -> Result<(), KernelError>)
 fn first_step_moves_each_parameter_by_lr_against_its_gradient() {
     // At t = 1 both bias corrections cancel: the step is lr g / (|g| + eps).
     let (bias1, bias2) = (1.0 - 0.9, 1.0 - 0.999);
-    let mut config = twin::Adam { lr: 0.1, beta1: 0.9, beta2: 0.999, eps: 0.0, bias1, bias2, keep: 1.0, tail: None };
+    let (beta1, beta2) = (0.9, 0.999);
+    let mut config = twin::Adam { lr: 0.1, beta1, beta2, eps: 0.0, bias1, bias2, keep: 1.0, tail: None, rates: None };
     let mut param = [1.0f64, -2.0];
     twin::step(&config, &mut param, &[3.0, -0.5], &mut [0.0; 2], &mut [0.0; 2]);
     assert!((param[0] - 0.9).abs() < 1e-12 && (param[1] + 1.9).abs() < 1e-12, "{param:?}");
@@ -34,6 +45,11 @@ fn first_step_moves_each_parameter_by_lr_against_its_gradient() {
     twin::step(&config, &mut param, &[1.0; 6], &mut [0.0; 6], &mut [0.0; 6]);
     let want = [-0.1, -0.5, -0.5, -0.1, -0.5, -0.5];
     assert!(param.iter().zip(want).all(|(p, w)| (p - w).abs() < 1e-12), "two groups: {param:?}");
+    config.rates = Some((3, &[0.0, 2.0]));
+    let mut param = [0.0f64; 6];
+    twin::step(&config, &mut param, &[1.0; 6], &mut [0.0; 6], &mut [0.0; 6]);
+    let want = [0.0, 0.0, 0.0, -0.2, -1.0, -1.0];
+    assert!(param.iter().zip(want).all(|(p, w)| (p - w).abs() < 1e-12), "a still row and a fast one: {param:?}");
 }
 
 #[test]
@@ -58,6 +74,49 @@ fn gpu_follows_the_twin_over_ten_steps() {
         assert_close(&state.exp_avg.read().expect("read"), &m, 1e-6, 0.0);
         assert_close(&state.exp_avg_sq.read().expect("read"), &v, 1e-6, 0.0);
     }
+}
+
+#[test]
+fn gpu_follows_the_twin_at_rates_of_rows_and_a_rate_of_zero_moves_nothing() {
+    let Some(gpu) = device() else { return };
+    let one = AdamConfig { lr: 0.05, keep: 0.98, ..AdamConfig::default() };
+    let two = AdamConfig { tail: Some(Tail { row: 7, head: 3, lr: 0.002 }), ..one };
+    for (row, rows, config) in [(4, 1, one), (4, 130, one), (7, 33, two), (1, 65, one)] {
+        let n = row * rows;
+        let mut random = Random(n as u64);
+        let mut factors = random.vec_f32(rows, 0.1, 3.0);
+        factors.iter_mut().step_by(3).for_each(|factor| *factor = 0.0);
+        let mut want = vec![0.0; n];
+        let (mut m, mut v) = (vec![0.0; n], vec![0.0; n]);
+        let mut param = gpu.buffer_from("param", &want).expect("buffer");
+        let mut state = AdamState::new(&gpu, "param", n).expect("state");
+        state.rates = Some(RowRates { row, factors: gpu.buffer_from("rates", &factors).expect("buffer") });
+        for t in 1..=10 {
+            let grad = random.vec_f32(n, -1.0, 1.0);
+            let v_param = gpu.buffer_from("v_param", &grad).expect("buffer");
+            run(&gpu, |rec| step(rec, &mut param, &v_param, &mut state, &config));
+            let twin = twin::Adam { rates: Some((row, &factors[..])), ..twin_config(&config, t) };
+            twin::step(&twin, &mut want, &grad, &mut m, &mut v);
+        }
+        let got = param.read().expect("read");
+        // As without rates, times the largest factor.
+        assert_close(&got, &want, 3e-5, 0.0);
+        let (still, moved): (Vec<_>, Vec<_>) = got.chunks_exact(row).zip(&factors).partition(|(_, f)| **f == 0.0);
+        assert!(still.iter().all(|(p, _)| p.iter().all(|p| *p == 0.0)), "rows of {row} at rate 0: {still:?}");
+        assert!(moved.iter().all(|(p, _)| p.iter().all(|p| *p != 0.0)), "rows of {row} at other rates: {moved:?}");
+        assert_close(&state.exp_avg.read().expect("read"), &m, 1e-6, 0.0);
+    }
+    let mut param = gpu.buffer::<f32>("param", 8).expect("buffer");
+    let v_param = gpu.buffer::<f32>("v_param", 8).expect("buffer");
+    let mut state = AdamState::new(&gpu, "param", 8).expect("state");
+    let mut rec = gpu.recorder().expect("recorder");
+    let tail = Some(Tail { row: 8, head: 1, lr: 0.1 });
+    for (row, len, tail, named) in [(4, 3, None, "rates"), (3, 2, None, "param"), (4, 2, tail, "param")] {
+        state.rates = Some(RowRates { row, factors: gpu.buffer("rates", len).expect("buffer") });
+        let refused = step(&mut rec, &mut param, &v_param, &mut state, &AdamConfig { tail, ..one });
+        assert!(matches!(refused, Err(KernelError::Shape { buffer, .. }) if buffer == named), "{named}: {refused:?}");
+    }
+    assert_eq!(state.steps, 0, "a refused step does not count");
 }
 
 #[test]

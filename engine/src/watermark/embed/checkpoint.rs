@@ -6,18 +6,17 @@ use guard4d_kernels::optim::adam::AdamState;
 use guard4d_kernels::{Buffer, KernelError};
 
 use super::Embedding;
-use super::enough::Standing;
+use super::ladder::Standing;
 use crate::error::EngineError;
 use crate::output::{AtomicFile, Existing};
 use crate::tensor_file::{Tensor, TensorFile};
 
 /// `format` entry of a checkpoint.
-const FORMAT: &str = "guard4d.checkpoint/2";
+const FORMAT: &str = "guard4d.checkpoint/3";
 /// Tensor of the last control's logits.
 const HELD_CONTROL: &str = "control_logits";
-/// Entries of a [`Standing`]; the latter is there once it is decided.
-const MET: &str = "looks_met";
-const DECIDED_AT: &str = "decided_at";
+/// Entry of a [`Standing`], as JSON.
+const STANDING: &str = "standing";
 
 impl Embedding<'_> {
     /// What a checkpoint must agree with: settings, key, message, the unmarked coefficients and a given
@@ -52,10 +51,8 @@ impl Embedding<'_> {
         file.meta.insert("step".to_owned(), self.step.to_string());
         let held = vec![self.mean_mse.unwrap_or(f32::NAN), self.keep];
         file.tensors.insert("held".to_owned(), Tensor::f32(&[2], held));
-        file.meta.insert(MET.to_owned(), self.standing.met.to_string());
-        if let Some(at) = self.standing.decided_at {
-            file.meta.insert(DECIDED_AT.to_owned(), at.to_string());
-        }
+        let standing = serde_json::to_string(&self.standing).expect("figures that are no numbers were refused");
+        file.meta.insert(STANDING.to_owned(), standing);
         store(&mut file, "offsets", &self.stage.offsets, &self.stage.offsets_state)?;
         if let Some(logits) = self.held_control() {
             file.tensors.insert(HELD_CONTROL.to_owned(), Tensor::f32(&[logits.len()], logits.read()?));
@@ -80,11 +77,16 @@ impl Embedding<'_> {
         }
         let whole = |field: &str, text: &str| text.parse::<usize>().map_err(|_| file.bad(field, text, "a number"));
         let step = whole("step", file.text("step")?)?;
-        let decided_at = file.meta.get(DECIDED_AT).map(|text| whole(DECIDED_AT, text)).transpose()?;
-        let met = u32::try_from(whole(MET, file.text(MET)?)?).unwrap_or(u32::MAX);
-        let standing = Standing { met, decided_at };
+        let text = file.text(STANDING)?;
+        let standing: Standing = serde_json::from_str(text)
+            .map_err(|error| file.bad(STANDING, text, &format!("where an embedding stands: {error}")))?;
         let held = file.floats("held", &[2])?;
         let (mean_mse, keep) = ((!held[0].is_nan()).then_some(held[0]), held[1]);
+        let is_elsewhere = standing.rung != self.standing.rung;
+        self.standing = standing;
+        if is_elsewhere {
+            self.take_rung()?;
+        }
         load(&file, "offsets", &mut self.stage.offsets, &mut self.stage.offsets_state, step)?;
         if let Some(logits) = self.held_control() {
             let read = file.floats(HELD_CONTROL, &[logits.len()])?;
@@ -95,7 +97,7 @@ impl Embedding<'_> {
                 load(&file, &name, weight, state, step)?;
             }
         }
-        (self.step, self.mean_mse, self.keep, self.standing) = (step, mean_mse, keep, standing);
+        (self.step, self.mean_mse, self.keep) = (step, mean_mse, keep);
         Ok(())
     }
 }

@@ -1,5 +1,6 @@
 //! What an embedding is asked to do.
 
+use std::ops::RangeInclusive;
 use std::str::FromStr;
 use std::sync::Arc;
 
@@ -8,7 +9,7 @@ use guard4d_kernels::loss::bce::Objective;
 use rand_chacha::ChaCha20Rng;
 use serde::{Serialize, Serializer};
 
-use super::enough::StopRule;
+use super::ladder::{Ladder, Rung, name_of_bases};
 use crate::distortion::{Distortion, Drawn};
 use crate::error::EngineError;
 use crate::lpips::{LpipsInput, LpipsWeights};
@@ -30,8 +31,20 @@ const DEFAULT_NULL_LEVEL: f64 = 0.02;
 const DEFAULT_RESPONSE_LEVEL: f64 = 0.0125;
 /// Steps between two measurements on held-out clips: often enough to watch, seldom enough to cost little.
 const DEFAULT_HELD_OUT_EVERY: usize = 25;
+/// Clips that are measured and never trained on; two keep a measurement every 25 steps below 5 % of the time.
+const HELD_OUT_CLIPS: u32 = 2;
+/// As many where they decide what is trained: the share of bits right is then known to one part in a hundred.
+const CLIMBING_HELD_OUT: u32 = 8;
+/// Share of the light that the splats of the lowest rung carry: the last tenth is spread over very many.
+const MOST_LIGHT: f32 = 0.9;
+/// Most steps on a rung.
+const RUNG_STEPS: usize = 100;
+/// Looks without progress after which a rung is left.
+const PATIENCE: u32 = 2;
 /// Least fidelity that an embedding can be held to, dB: a hold that never binds.
 const UNBOUND_PSNR: f32 = 20.0;
+/// Powers of its light that a splat's rate may grow with.
+const VISIBILITY_POWERS: RangeInclusive<f32> = -2.0..=2.0;
 /// How far below the target the hold starts, dB.
 const START_SLACK_DB: f32 = 2.0;
 
@@ -214,6 +227,14 @@ pub struct EmbedConfig {
     pub lr_dc: f32,
     /// Adam's rate for the other offsets, as a share of `lr_dc` (GuardSplat: 1/20).
     pub lr_rest_share: f32,
+    /// Share of the light in the training views that the splats with offsets carry together: the fewest that do. The
+    /// others stay as they are. 1 is all splats.
+    #[serde(skip_serializing_if = "is_whole")]
+    pub reach: f32,
+    /// Power of a splat's light, against the median of all, that its rate is multiplied by, within bounds: above 0, splats
+    /// that show move faster than those that hardly do. 0 gives all the same rate.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub visibility: f32,
     /// Adam's rate for R in `joint`.
     pub lr_tmsd: f32,
     /// Share of the rates that is left at the end of the cosine.
@@ -260,12 +281,12 @@ pub struct EmbedConfig {
     /// Standard deviation of these fields, in colour.
     pub response_level: f64,
     /// Steps between two measurements on held-out clips; 0 for none. It changes no result, so that it is no part of
-    /// what names one.
+    /// what names one. A ladder has looks of its own instead.
     #[serde(skip)]
     pub held_out_every: usize,
-    /// When training ends before its last step; `None` takes all steps.
+    /// Rungs that training climbs, and when it ends before its last step; `None` takes all steps, with everything.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub stop: Option<StopRule>,
+    pub ladder: Option<Ladder>,
 }
 
 impl EmbedConfig {
@@ -294,6 +315,8 @@ impl EmbedConfig {
             bases: OffsetBases::Dc,
             lr_dc: 0.0,
             lr_rest_share: 0.05,
+            reach: 1.0,
+            visibility: 0.0,
             lr_tmsd: 1e-3,
             lr_floor: 0.05,
             margin: 6.0,
@@ -316,7 +339,7 @@ impl EmbedConfig {
             responses,
             response_level: 0.0,
             held_out_every: DEFAULT_HELD_OUT_EVERY,
-            stop: None,
+            ladder: None,
         }
         .sized_for(DEFAULT_TARGET_PSNR);
         if profile.is_the_papers() { config.with_the_papers_objective() } else { config }
@@ -372,17 +395,53 @@ impl EmbedConfig {
         }
     }
 
-    /// The same, but no more of it than the asset needs: training ends when held-out clips show a share `sure` of the bits
-    /// beyond doubt at the target fidelity, which is held from the start so that this can be soon.
+    /// The same, but no more of it than the asset needs. Training begins with the DC terms of the splats that carry most of
+    /// the light and half of the views, goes on to all splats and views, and then, with `bases` of `all`, to all
+    /// coefficients. It climbs where held-out clips show no more progress, and ends at the top, or when they show a share
+    /// `sure` of the message's `bits` beyond doubt at the target fidelity. That fidelity is held from the start, so that
+    /// this can be soon, and the calibration makes do with half of the random fields. The extractor stays of its mode.
     #[must_use]
-    pub fn until_enough(self, sure: f32) -> Self {
-        let stop = Some(StopRule { sure, every: DEFAULT_HELD_OUT_EVERY });
-        Self { start_psnr: self.target_psnr, stop, ..self }
+    pub fn climbing(self, sure: f32, bits: usize) -> Self {
+        let dc = |reach: f32, views: u32| Rung { bases: OffsetBases::Dc, reach, views, steps: RUNG_STEPS };
+        let mut rungs = vec![dc(MOST_LIGHT.min(self.reach), self.views.div_ceil(2)), dc(self.reach, self.views)];
+        if self.bases == OffsetBases::All {
+            rungs.push(Rung { bases: self.bases, ..dc(self.reach, self.views) });
+        }
+        let every = DEFAULT_HELD_OUT_EVERY;
+        let ladder = Some(Ladder { rungs, sure, every, patience: PATIENCE, held_out: CLIMBING_HELD_OUT });
+        let responses = self.responses.div_ceil(2).max(bits);
+        Self { start_psnr: self.target_psnr, responses, ladder, ..self }
     }
 
-    /// Whether there are clips that no step is taken on.
-    pub(super) fn has_held_out(&self) -> bool {
-        self.held_out_every > 0 || self.stop.is_some()
+    /// The settings on a rung of the ladder, or all of them where there is none.
+    pub(super) fn on_rung(&self, number: usize) -> Self {
+        match self.ladder.as_ref().and_then(|ladder| ladder.rungs.get(number)) {
+            Some(Rung { bases, reach, views, .. }) => {
+                Self { bases: *bases, reach: *reach, views: *views, ..self.clone() }
+            }
+            None => self.clone(),
+        }
+    }
+
+    /// Steps between two measurements on held-out clips, if any are asked for.
+    pub(super) fn looks_every(&self) -> Option<usize> {
+        let every = self.ladder.as_ref().map_or(self.held_out_every, |ladder| ladder.every);
+        (every > 0).then_some(every)
+    }
+
+    /// Clips that no step is taken on.
+    pub(super) fn held_out_clips(&self) -> u32 {
+        match &self.ladder {
+            Some(ladder) => ladder.held_out,
+            None if self.held_out_every > 0 => HELD_OUT_CLIPS,
+            None => 0,
+        }
+    }
+
+    /// Whether splats have rates of their own.
+    pub(super) fn rates_differ(&self) -> bool {
+        let reaches = self.ladder.iter().flat_map(|ladder| &ladder.rungs).map(|rung| rung.reach);
+        self.visibility != 0.0 || reaches.chain([self.reach]).any(|reach| reach < 1.0)
     }
 
     /// Whether SSIM is part of the loss.
@@ -468,13 +527,12 @@ impl EmbedConfig {
                 expected: "at least 1, and 1 for all but `joint`, which alone has controls".to_owned(),
             });
         }
-        if let Some(StopRule { sure, every }) = self.stop
-            && !((0.0..=1.0).contains(&sure) && every > 0)
-        {
+        if let Some(ladder) = self.ladder.as_ref().filter(|ladder| !ladder.is_sensible(self.views)) {
             return Err(EngineError::Usage {
-                what: "bits that end training".to_owned(),
-                got: format!("{sure}, looked for every {every} steps"),
-                expected: "a share from 0 to 1, looked for every step or less often".to_owned(),
+                what: "ladder".to_owned(),
+                got: format!("{ladder:?}"),
+                expected: "rungs that each have as much as the one below, a share from 0 to 1 of bits, and no zeros"
+                    .to_owned(),
             });
         }
         if let Some(term) = &self.lpips {
@@ -493,6 +551,8 @@ impl EmbedConfig {
             weight("lr_rest_share", self.lr_rest_share),
             weight("lr_floor", self.lr_floor),
             weight("margin", self.margin),
+            ("reach", f64::from(self.reach), self.reach > 0.0 && self.reach <= 1.0),
+            ("visibility", f64::from(self.visibility), VISIBILITY_POWERS.contains(&self.visibility)),
             ("lambda_ssim", f64::from(self.lambda_ssim), (0.0..=1.0).contains(&self.lambda_ssim)),
         ];
         for (what, got, fine) in checks {
@@ -500,7 +560,9 @@ impl EmbedConfig {
                 return Err(EngineError::Usage {
                     what: what.to_owned(),
                     got: got.to_string(),
-                    expected: "a sensible number, not negative (PSNR: 20 to 80 dB)".to_owned(),
+                    expected:
+                        "a sensible number, not negative (PSNR: 20 to 80 dB; reach: at most 1; visibility: -2 to 2)"
+                            .to_owned(),
                 });
             }
         }
@@ -534,14 +596,16 @@ fn is_one(number: &u32) -> bool {
     *number == 1
 }
 
-fn name_of_weights<S: Serializer>(weights: &Arc<LpipsWeights>, serializer: S) -> Result<S::Ok, S::Error> {
-    weights.as_ref().serialize(serializer)
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+fn is_whole(share: &f32) -> bool {
+    *share >= 1.0
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
-fn name_of_bases<S: Serializer>(bases: &OffsetBases, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_str(match bases {
-        OffsetBases::Dc => "dc",
-        OffsetBases::All => "all",
-    })
+fn is_zero(power: &f32) -> bool {
+    *power == 0.0
+}
+
+fn name_of_weights<S: Serializer>(weights: &Arc<LpipsWeights>, serializer: S) -> Result<S::Ok, S::Error> {
+    weights.as_ref().serialize(serializer)
 }

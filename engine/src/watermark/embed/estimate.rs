@@ -47,7 +47,7 @@ pub struct Estimate {
 
 impl Estimate {
     /// Prepares a sample and extrapolates: memory in proportion to the number of clips, time also to steps and random
-    /// fields. The times suppose that nothing else keeps the device busy.
+    /// fields. Of a ladder it is the most: all clips, and all steps as on the first rung. The times suppose that nothing else keeps the device busy.
     ///
     /// # Errors
     /// As [`Embedding::prepare`], also when the sample does not fit into the memory budget.
@@ -87,10 +87,10 @@ impl Estimate {
             let zero = PASSES_PER_ZERO * clips.min(super::fit::ZERO_CLIPS);
             (PASSES_PER_CLIP * clips + PASSES_PER_RESPONSE * config.responses + zero) as f64
         };
-        let fitted = passes(config, config.views as usize);
+        let fitted = passes(config, config.on_rung(0).views as usize);
         // Each of these asks for a clip, and so does each step.
         let asked = fitted + config.steps as f64;
-        let measured = if config.held_out_every > 0 { config.steps.div_ceil(config.held_out_every) } else { 0 };
+        let measured = config.looks_every().map_or(0, |every| config.steps.div_ceil(every));
         Ok(Self {
             splats: subject.model.gaussians.len(),
             clips,

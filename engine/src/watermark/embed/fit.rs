@@ -25,7 +25,7 @@ use crate::watermark::prf::{Purpose as Stream, standard_normal, uniform_below};
 use crate::watermark::tmsd::TmsdWeights;
 
 /// SH constant Y₀: colour per unit of DC offset.
-const Y0: f64 = 0.282_094_79;
+pub(super) const Y0: f64 = 0.282_094_79;
 /// Clips whose logits set the zero.
 pub(super) const ZERO_CLIPS: usize = 32;
 /// Clips on which each random field is tried.

@@ -1,17 +1,19 @@
 //! Embedding: optimising SH offsets so that rendered clips carry the message (Guard4D Sec. 3.3–3.5).
 
 mod checkpoint;
+mod climb;
 mod clips;
 mod config;
 mod copies;
 mod cost;
-mod enough;
 mod estimate;
 mod fit;
+mod ladder;
 mod perception;
 mod pool;
 mod repeated;
 mod step;
+mod visibility;
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -21,10 +23,11 @@ use rand_chacha::ChaCha20Rng;
 
 pub use config::{Control, EmbedConfig, LpipsTerm, Profile};
 pub use cost::StepPart;
-pub use enough::StopRule;
 pub use estimate::Estimate;
+pub use ladder::{Ladder, Left, Look, Rung, RungReport};
 pub use repeated::Repetition;
 pub use step::{HeldOutReport, StepReport};
+pub use visibility::within_reach;
 
 use crate::clip::{Clip, Purpose};
 use crate::error::EngineError;
@@ -37,7 +40,7 @@ use crate::watermark::extractor::{ExtractorWeights, FeatureExtractor, Training};
 use crate::watermark::key::Key;
 use crate::watermark::message::Message;
 use crate::watermark::prf::{Purpose as Stream, uniform_below, uniform_unit};
-use enough::Standing;
+use ladder::Standing;
 use pool::{ClipPool, is_over_budget};
 use step::{Critic, Rates, Stage};
 
@@ -57,6 +60,10 @@ pub struct Embedded {
     pub device_seconds: BTreeMap<&'static str, f64>,
     /// Steps taken.
     pub steps: usize,
+    /// What held-out clips showed meanwhile.
+    pub looks: Vec<Look>,
+    /// What each rung of the ladder bought, where there was one.
+    pub rungs: Vec<RungReport>,
     /// Clips made; more than there are if the memory budget did not hold them all.
     pub clips_made: usize,
     /// Whether the backward pass computed activations again because the memory budget did not hold them.
@@ -109,6 +116,8 @@ pub enum Start<'a> {
 pub struct Embedding<'a> {
     subject: Subject<'a>,
     config: EmbedConfig,
+    /// The settings on the rung that it stands on.
+    active: EmbedConfig,
     clips: ClipPool,
     stage: Stage,
     critic: Critic,
@@ -118,7 +127,9 @@ pub struct Embedding<'a> {
     mean_mse: Option<f32>,
     keep: f32,
     step: usize,
-    /// Whether it is good enough by its rule.
+    /// Visible weight of the splats, where it decides what moves.
+    light: Option<Vec<f64>>,
+    /// How far up the ladder it is.
     standing: Standing,
     seconds: BTreeMap<String, f64>,
     device_seconds: BTreeMap<&'static str, f64>,
@@ -155,7 +166,8 @@ impl<'a> Embedding<'a> {
         let mut seconds = BTreeMap::new();
         let started = Instant::now();
         let side = clip.config().vision_config.image_size;
-        let mut stage = Stage::new(device, model, &config, side)?;
+        let active = config.on_rung(0);
+        let mut stage = Stage::new(device, model, &active, side)?;
         clips.fill(&mut stage)?;
         seconds.insert("plan".to_owned(), started.elapsed().as_secs_f64());
 
@@ -169,12 +181,17 @@ impl<'a> Embedding<'a> {
             Start::Frozen(given) => (given.clone(), 1, Some(given.digest(key)?)),
         };
         check_mode(&config, &weights)?;
+        let light = match config.rates_differ() {
+            true => Some(visibility::weights(device, &mut clips, &mut stage)?),
+            false => None,
+        };
         let critic = critic(&subject, &config, (&weights, branches), &mut clips)?;
         seconds.insert("fit".to_owned(), started.elapsed().as_secs_f64());
         seconds.insert("train".to_owned(), 0.0);
-        Ok(Self {
+        let mut embedding = Self {
             subject,
             config,
+            active,
             clips,
             stage,
             critic,
@@ -183,10 +200,13 @@ impl<'a> Embedding<'a> {
             mean_mse: None,
             keep: 1.0,
             step: 0,
+            light,
             standing: Standing::default(),
             seconds,
             device_seconds: BTreeMap::new(),
-        })
+        };
+        embedding.take_rung()?;
+        Ok(embedding)
     }
 
     /// The extractor as it was before the first step: for `joint` the last state that never saw the message.
@@ -209,8 +229,8 @@ impl<'a> Embedding<'a> {
         if self.step >= self.standing.steps(&self.config) {
             return Ok(None);
         }
-        let started = Instant::now();
-        let config = &self.config;
+        let (started, rung) = (Instant::now(), self.standing.rung);
+        let config = &self.active;
         let mut rng = self.subject.key.prf().stream(Stream::Embedding, stream_index(config.seed, self.step));
         let training = u32::try_from(self.clips.training().len()).unwrap_or(u32::MAX);
         let index = uniform_below(&mut rng, training) as usize;
@@ -239,12 +259,12 @@ impl<'a> Embedding<'a> {
         if self.is_measured() {
             report.held_out = self.held_out()?;
         }
-        if let (Some(held_out), Some(rule)) = (&report.held_out, self.config.stop)
-            && self.step.is_multiple_of(rule.every)
-        {
-            self.standing.look(&self.config, self.step, held_out);
+        self.add_seconds(rung, started);
+        if let Some(held_out) = &report.held_out {
+            let started = Instant::now();
+            self.look(held_out)?;
+            self.add_seconds(self.standing.rung, started);
         }
-        *self.seconds.entry("train".to_owned()).or_default() += started.elapsed().as_secs_f64();
         Ok(Some(report))
     }
 
@@ -259,12 +279,19 @@ impl<'a> Embedding<'a> {
         self.critic.repeated.last_step
     }
 
+    /// Counts the time since `started` as training's, and as that of a rung.
+    fn add_seconds(&mut self, rung: usize, started: Instant) {
+        let seconds = started.elapsed().as_secs_f64();
+        *self.seconds.entry("train".to_owned()).or_default() += seconds;
+        if self.config.ladder.is_some() {
+            *self.seconds.entry(format!("train on rung {}", rung + 1)).or_default() += seconds;
+        }
+    }
+
     /// Whether the step just taken is one whose result is measured on held-out clips.
     fn is_measured(&self) -> bool {
-        let EmbedConfig { held_out_every, stop, .. } = self.config;
-        let asked = held_out_every > 0
-            && (self.step.is_multiple_of(held_out_every) || self.step == self.standing.steps(&self.config));
-        asked || stop.is_some_and(|rule| self.step.is_multiple_of(rule.every))
+        let is_last = self.step == self.standing.steps(&self.config);
+        self.config.looks_every().is_some_and(|every| is_last || self.step.is_multiple_of(every))
     }
 
     /// What the mark, as it is now, is worth on the held-out clips; `None` when there are none.
@@ -278,7 +305,16 @@ impl<'a> Embedding<'a> {
         self.critic.measure(self.subject.device, &mut self.stage, &mut self.clips, &self.config).map(Some)
     }
 
-    /// Cameras and times of the clips that steps are taken on.
+    /// Light that each splat has in the training clips `[N]`: the sum over pixels and frames of its share in them, by the
+    /// colour channel that lets most through. At most the first 32 clips are summed.
+    ///
+    /// # Errors
+    /// When the device fails, or the sum is not a number.
+    pub fn visible_weight(&mut self) -> Result<Vec<f64>, EngineError> {
+        visibility::weights(self.subject.device, &mut self.clips, &mut self.stage)
+    }
+
+    /// Cameras and times of the clips that steps are taken on for now.
     pub fn training_shots(&self) -> impl Iterator<Item = &[(Camera, f32)]> {
         self.clips.shots(self.clips.training())
     }
@@ -328,6 +364,8 @@ impl<'a> Embedding<'a> {
             seconds: self.seconds,
             device_seconds: self.device_seconds,
             steps: self.step,
+            looks: self.standing.looks,
+            rungs: self.standing.reports,
             clips_made: clips.made(),
             recomputed,
             mse: self.mean_mse.unwrap_or(0.0),

@@ -16,14 +16,13 @@ use crate::error::EngineError;
 use crate::scene::Camera;
 use crate::watermark::prf::Purpose as Stream;
 
-/// Clips that are measured and never trained on; two keep a measurement every 25 steps below 5 % of the time.
-const HELD_OUT_CLIPS: u32 = 2;
-
 /// All clips of an embedding by number: first those that steps are taken on, then those that none is taken on.
 pub(super) struct ClipPool {
     /// Camera and time of each frame of each clip.
     shots: Vec<Vec<(Camera, f32)>>,
     num_training: usize,
+    /// How many of these steps are taken on for now.
+    in_use: usize,
     builder: ClipBuilder,
     kept: Kept,
     made: usize,
@@ -69,13 +68,24 @@ impl ClipPool {
         let mut rng = prf.stream(Stream::Views, config.seed);
         let mut drawn = shots(config, (config.views, config.seed), &mut rng)?;
         let num_training = drawn.len();
-        if config.has_held_out() {
+        if config.held_out_clips() > 0 {
             let mut rng = prf.stream(Stream::HeldOutViews, config.seed);
-            let cameras = (HELD_OUT_CLIPS, rng.next_u64());
+            let cameras = (config.held_out_clips(), rng.next_u64());
             drawn.extend(shots(config, cameras, &mut rng)?);
         }
         let builder = ClipBuilder::new(subject.device, subject.model, config)?;
-        Ok(Self { shots: drawn, num_training, builder, kept: Kept::default(), made: 0 })
+        let in_use = (config.on_rung(0).views as usize).min(num_training);
+        Ok(Self { shots: drawn, num_training, in_use, builder, kept: Kept::default(), made: 0 })
+    }
+
+    /// Takes as many training clips into use, at most all. Those that the stage, as it was, made are not made again.
+    pub(super) fn use_training(&mut self, clips: usize) {
+        self.in_use = clips.min(self.num_training);
+    }
+
+    /// Lets go of all clips, which a stage with other bases makes anew.
+    pub(super) fn forget_clips(&mut self) {
+        self.kept.0.clear();
     }
 
     /// Leaves out training clips until at most `most` are there, evenly.
@@ -88,6 +98,7 @@ impl ClipPool {
             index * most / all > (index - 1) * most / all
         });
         self.num_training = self.shots.len();
+        self.in_use = self.in_use.min(self.num_training);
         self.shots.extend(held_out);
     }
 
@@ -106,11 +117,11 @@ impl ClipPool {
         self.kept.0.iter().map(|(_, clip)| clip.bytes()).sum()
     }
 
-    /// Makes clips until all are there or memory is full.
+    /// Makes clips until all that are in use are there or memory is full.
     pub(super) fn fill(&mut self, stage: &mut Stage) -> Result<(), EngineError> {
-        for index in 0..self.shots.len() {
+        for (before, index) in self.training().chain(self.held_out()).enumerate() {
             self.get(index, stage)?;
-            if self.kept.0.len() <= index {
+            if self.kept.0.len() <= before {
                 break;
             }
         }
@@ -157,7 +168,7 @@ impl ClipPool {
 
     /// Numbers of the clips that steps are taken on.
     pub(super) fn training(&self) -> std::ops::Range<usize> {
-        0..self.num_training
+        0..self.in_use
     }
 
     /// The same, those first that are in memory: the others push them out.

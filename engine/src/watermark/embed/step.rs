@@ -46,14 +46,14 @@ pub(super) struct Stage {
     pub(super) resize_scratch: Buffer<f32>,
     pub(super) background: [f32; 3],
     pub(super) num_splats: usize,
-    sh_degree: u32,
+    pub(super) sh_degree: u32,
     /// SH coefficients that have offsets.
     pub(super) bases: OffsetBases,
     /// Offsets, N rows as the bases lay them out.
     pub(super) offsets: Buffer<f32>,
     pub(super) offsets_state: AdamState,
-    v_offsets: Buffer<f32>,
-    penalty_sums: SumScratch,
+    pub(super) v_offsets: Buffer<f32>,
+    pub(super) penalty_sums: SumScratch,
     pub(super) raw: Buffer<f32>,
     pub(super) marked: Buffer<f32>,
     /// Gradient of the losses that look at pixels; empty when none has a weight.

@@ -4,7 +4,7 @@ use crate::reference::Real;
 
 /// Hyperparameters of one step; `bias1`, `bias2` are 1 − βᵗ.
 #[derive(Clone, Copy, Debug)]
-pub struct Adam<R> {
+pub struct Adam<'a, R> {
     /// Learning rate.
     pub lr: R,
     /// Decay of the first moment.
@@ -21,10 +21,12 @@ pub struct Adam<R> {
     pub keep: R,
     /// Elements of a row, how many of them move at `lr`, and the rate of the others.
     pub tail: Option<(usize, usize, R)>,
+    /// Elements of a row, and a factor on the rates for each row.
+    pub rates: Option<(usize, &'a [R])>,
 }
 
 /// One Adam step: Kingma & Ba 2015, Algorithm 1; decoupled decay of Loshchilov & Hutter 2019, Algorithm 2. All slices `[n]`.
-pub fn step<R: Real>(c: &Adam<R>, param: &mut [R], v_param: &[R], exp_avg: &mut [R], exp_avg_sq: &mut [R]) {
+pub fn step<R: Real>(c: &Adam<'_, R>, param: &mut [R], v_param: &[R], exp_avg: &mut [R], exp_avg_sq: &mut [R]) {
     let one = R::of(1.0);
     for i in 0..param.len() {
         exp_avg[i] = c.beta1 * exp_avg[i] + (one - c.beta1) * v_param[i];
@@ -34,6 +36,7 @@ pub fn step<R: Real>(c: &Adam<R>, param: &mut [R], v_param: &[R], exp_avg: &mut 
             Some((row, head, lr)) if i % row >= head => lr,
             _ => c.lr,
         };
-        param[i] = c.keep * param[i] - lr * update;
+        let factor = c.rates.map_or(one, |(row, factors)| factors[i / row]);
+        param[i] = c.keep * param[i] - factor * lr * update;
     }
 }

@@ -1,0 +1,296 @@
+//! No more than a scene needs: starting with little, adding more where held-out clips ask for it, and ending in time.
+//!
+//! No rung changes the extractor: that of `joint` is trained with the message and gives no exact p-value, which is for
+//! whoever embeds to choose.
+
+use serde::{Deserialize, Serialize, Serializer};
+
+use super::config::EmbedConfig;
+use super::step::HeldOutReport;
+use crate::render::OffsetBases;
+use crate::train::schedule::cosine;
+use crate::watermark::metrics::Decibels;
+
+/// Looks in a row that must find the mark good enough: one may be luck.
+const LOOKS: u32 = 2;
+/// Steps that are taken after the last rung while the rates fall to their floor, which settles the mark.
+const SETTLING_STEPS: usize = 25;
+/// Fidelity that may be missing when a look finds the mark good enough, dB; the hold makes up for it while the mark settles.
+const PSNR_SLACK_DB: f32 = 0.25;
+/// Share of the held-out frames' bits by which a look must beat the best one before it to count as progress: one standard
+/// error of a share of 0.95 among the 1024 bits of eight clips that read 16 is 0.007.
+const GAIN: f32 = 0.007;
+
+/// What is trained from some step on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Rung {
+    /// SH coefficients that have offsets; never fewer than on the rung below.
+    #[serde(serialize_with = "name_of_bases")]
+    pub bases: OffsetBases,
+    /// As [`EmbedConfig::reach`]; never less than on the rung below.
+    pub reach: f32,
+    /// Training clips, the first of [`EmbedConfig::views`]; never fewer than on the rung below.
+    pub views: u32,
+    /// Most steps on this rung.
+    pub steps: usize,
+}
+
+/// Rungs, and when the next is climbed and the last left.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Ladder {
+    /// From the least to the most.
+    pub rungs: Vec<Rung>,
+    /// Share of the message's bits that held-out clips must show beyond doubt, see [`HeldOutReport::sure`].
+    pub sure: f32,
+    /// Steps from one look at the held-out clips to the next, at least 1.
+    pub every: usize,
+    /// Looks in a row without progress after which a rung has given what it can, at least 1.
+    pub patience: u32,
+    /// Held-out clips.
+    pub held_out: u32,
+}
+
+impl Ladder {
+    /// Whether an embedding can climb it with `views` training clips.
+    pub(super) fn is_sensible(&self, views: u32) -> bool {
+        let grows = |pair: &[Rung]| {
+            let [a, b] = pair else { return false };
+            a.views <= b.views && a.reach <= b.reach && a.bases.count() <= b.bases.count()
+        };
+        let fits = |r: &Rung| r.reach > 0.0 && r.reach <= 1.0 && (1..=views).contains(&r.views) && r.steps > 0;
+        let counts = self.every > 0 && self.patience > 0 && self.held_out > 0 && !self.rungs.is_empty();
+        counts && (0.0..=1.0).contains(&self.sure) && self.rungs.iter().all(fits) && self.rungs.windows(2).all(grows)
+    }
+}
+
+/// The figures of held-out clips after some step.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Look {
+    /// Steps taken.
+    pub step: usize,
+    /// See [`HeldOutReport::bit_accuracy`].
+    pub bit_accuracy: f32,
+    /// See [`HeldOutReport::sure`].
+    pub sure: f32,
+    /// See [`HeldOutReport::psnr`].
+    pub psnr: Decibels,
+}
+
+impl Look {
+    pub(super) fn new(step: usize, report: &HeldOutReport) -> Self {
+        let HeldOutReport { bit_accuracy, sure, psnr } = *report;
+        Self { step, bit_accuracy, sure, psnr: Decibels(f64::from(psnr)) }
+    }
+}
+
+/// Why a rung was left.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Left {
+    /// Held-out clips showed what was asked for.
+    Enough,
+    /// They showed no progress any more.
+    Flat,
+    /// Its steps were used up.
+    Steps,
+}
+
+/// What a rung bought. Its seconds are among those of the embedding.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RungReport {
+    /// Splats that could get offsets.
+    pub splats: usize,
+    /// Offsets that were trained: floats.
+    pub offsets: usize,
+    /// Training clips.
+    pub views: u32,
+    /// Steps taken on it, those that settle the mark not counted.
+    pub steps: usize,
+    /// Why it was left.
+    pub left: Left,
+    /// The last look on it.
+    pub look: Look,
+}
+
+/// What to do after a look.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Verdict {
+    /// More of the same.
+    Stay,
+    /// On to the next rung.
+    Climb(Left),
+    /// Settle, and end.
+    End(Left),
+}
+
+/// Where an embedding stands.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Standing {
+    /// Number of the rung.
+    pub(super) rung: usize,
+    /// Steps taken when it was reached.
+    since: usize,
+    /// Looks in a row that found the mark good enough.
+    met: u32,
+    /// Best share of bits so far.
+    best: f32,
+    /// Looks on this rung since there was progress.
+    flat: u32,
+    /// Steps taken when it was decided to end.
+    decided_at: Option<usize>,
+    /// All looks, also those of an embedding that takes all steps.
+    pub(super) looks: Vec<Look>,
+    /// The rungs that were left.
+    pub(super) reports: Vec<RungReport>,
+}
+
+impl Standing {
+    /// Takes in a look after `step` steps.
+    pub(super) fn judge(&mut self, ladder: &Ladder, target_psnr: f32, step: usize, report: &HeldOutReport) -> Verdict {
+        if self.decided_at.is_some() {
+            return Verdict::Stay;
+        }
+        let is_met = report.sure >= ladder.sure && report.psnr >= target_psnr - PSNR_SLACK_DB;
+        self.met = if is_met { self.met + 1 } else { 0 };
+        if report.bit_accuracy >= self.best + GAIN {
+            (self.best, self.flat) = (report.bit_accuracy, 0);
+        } else {
+            self.flat += 1;
+        }
+        // What is enough is not left as long as every look brings more.
+        let left = if self.met >= LOOKS && self.flat > 0 {
+            Left::Enough
+        } else if self.flat >= ladder.patience {
+            Left::Flat
+        } else if ladder.rungs.get(self.rung).is_none_or(|rung| step >= self.since + rung.steps) {
+            Left::Steps
+        } else {
+            return Verdict::Stay;
+        };
+        if left == Left::Enough || self.rung + 1 >= ladder.rungs.len() {
+            self.decided_at = Some(step);
+            return Verdict::End(left);
+        }
+        Verdict::Climb(left)
+    }
+
+    /// Notes what the rung bought that is left after `step` steps.
+    pub(super) fn leave(&mut self, step: usize, report: RungReport) {
+        self.reports.push(RungReport { steps: step - self.since, ..report });
+        (self.since, self.flat) = (step, 0);
+    }
+
+    /// Whether the rung that it stands on is still to be reported.
+    pub(super) fn is_under_way(&self) -> bool {
+        self.reports.len() <= self.rung
+    }
+
+    /// Steps in all.
+    pub(super) fn steps(&self, config: &EmbedConfig) -> usize {
+        self.decided_at.map_or(config.steps, |at| config.steps.min(at + SETTLING_STEPS))
+    }
+
+    /// Share of the learning rates in step number `step`.
+    pub(super) fn decay(&self, config: &EmbedConfig, step: usize) -> f32 {
+        let planned = |step: usize| cosine(step, config.steps, config.lr_floor);
+        match self.decided_at {
+            None => planned(step),
+            Some(at) => planned(at) * cosine(step - at, SETTLING_STEPS, config.lr_floor),
+        }
+    }
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+pub(super) fn name_of_bases<S: Serializer>(bases: &OffsetBases, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(match bases {
+        OffsetBases::Dc => "dc",
+        OffsetBases::All => "all",
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ladder() -> Ladder {
+        let dc = Rung { bases: OffsetBases::Dc, reach: 0.9, views: 2, steps: 100 };
+        let rungs = vec![dc, Rung { reach: 1.0, views: 4, ..dc }];
+        Ladder { rungs, sure: 0.75, every: 10, patience: 2, held_out: 3 }
+    }
+
+    /// Verdicts on looks after every ten steps; shares of bits right and beyond doubt, PSNR. Climbs as told to.
+    fn verdicts(looks: &[(f32, f32, f32)]) -> Vec<Verdict> {
+        let (ladder, mut standing) = (ladder(), Standing::default());
+        let mut judge = |(i, &(bit_accuracy, sure, psnr)): (usize, &(f32, f32, f32))| {
+            let (step, report) = (10 * (i + 1), HeldOutReport { bit_accuracy, sure, psnr });
+            let verdict = standing.judge(&ladder, 40.0, step, &report);
+            if let Verdict::Climb(left) = verdict {
+                let look = Look::new(step, &report);
+                standing.leave(step, RungReport { splats: 1, offsets: 3, views: 2, steps: 0, left, look });
+                standing.rung += 1;
+            }
+            verdict
+        };
+        looks.iter().enumerate().map(&mut judge).collect()
+    }
+
+    #[test]
+    fn what_brings_no_progress_is_left_and_the_last_rung_ends_it() {
+        use Verdict::{Climb, End, Stay};
+        let low = |accuracy: f32| (accuracy, 0.5, 45.0);
+        let flat = verdicts(&[low(0.6), low(0.603), low(0.604), low(0.61), low(0.61), low(0.61), low(0.99)]);
+        // 0.61 is progress by more than one standard error; what comes after the end decides nothing.
+        assert_eq!(flat, [Stay, Stay, Climb(Left::Flat), Stay, Stay, End(Left::Flat), Stay]);
+        let rising: Vec<_> = (0..20).map(|i| low(0.5 + 0.02 * i as f32)).collect();
+        let steps = verdicts(&rising);
+        assert_eq!((steps[9], steps[19]), (Climb(Left::Steps), End(Left::Steps)), "{steps:?}");
+        assert!(steps.iter().enumerate().all(|(i, v)| *v == Stay || i == 9 || i == 19), "{steps:?}");
+    }
+
+    #[test]
+    fn two_looks_that_show_enough_end_it_but_not_while_each_brings_more() {
+        use Verdict::{End, Stay};
+        let end = End(Left::Enough);
+        assert_eq!(verdicts(&[(0.9, 0.75, 41.0), (0.9, 0.75, 41.0)]), [Stay, end]);
+        assert_eq!(verdicts(&[(0.9, 0.75, 39.75), (0.9, 0.8, 39.8)]), [Stay, end], "within the slack");
+        let rising = verdicts(&[(0.9, 0.75, 41.0), (0.92, 0.8, 41.0), (0.94, 0.9, 41.0), (0.94, 0.9, 41.0)]);
+        assert_eq!(rising, [Stay, Stay, Stay, end], "each brings more");
+        let climbs = Verdict::Climb(Left::Flat);
+        assert_eq!(
+            verdicts(&[(0.9, 0.75, 41.0), (0.9, 0.7, 41.0), (0.9, 0.75, 41.0)]),
+            [Stay, Stay, climbs],
+            "not in a row"
+        );
+        assert_eq!(verdicts(&[(0.9, 0.8, 39.0), (0.9, 0.8, 39.0), (0.9, 0.8, 39.0)]), [Stay, Stay, climbs], "too loud");
+        let none = f32::NAN;
+        assert_eq!(verdicts(&[(none, none, none), (none, none, none)]), [Stay, climbs], "what is no number is nothing");
+    }
+
+    #[test]
+    fn each_rung_has_what_the_one_below_has() {
+        let good = ladder();
+        assert!(good.is_sensible(4), "as it is meant");
+        assert!(!good.is_sensible(3), "more views than there are");
+        let with = |change: &dyn Fn(&mut Ladder)| {
+            let mut ladder = good.clone();
+            change(&mut ladder);
+            ladder.is_sensible(4)
+        };
+        let changes: [&dyn Fn(&mut Ladder); 11] = [
+            &|l| l.rungs.clear(),
+            &|l| l.rungs[1].reach = 0.5,
+            &|l| l.rungs[1].views = 1,
+            &|l| l.rungs[0].bases = OffsetBases::All,
+            &|l| l.rungs[0].reach = f32::NAN,
+            &|l| l.rungs[1].steps = 0,
+            &|l| l.sure = f32::NAN,
+            &|l| l.sure = 1.5,
+            &|l| l.every = 0,
+            &|l| l.patience = 0,
+            &|l| l.held_out = 0,
+        ];
+        for (i, change) in changes.into_iter().enumerate() {
+            assert!(!with(change), "change {i} makes no sense");
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! How a mark is spread over the splats: by their light.
+
+use guard4d_engine::deform::DeformField;
+use guard4d_engine::render::{FrameMut, Prune, Renderer};
+use guard4d_engine::scene::gaussians::{CHANNELS, SH_FLOATS};
+use guard4d_engine::tensor_file::TensorFile;
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedding, Profile, within_reach};
+use guard4d_engine::watermark::evidence::ExtractorMode;
+
+use crate::support::close::assert_close;
+use crate::support::gpu::{Gpu, device};
+use crate::support::owner::{BITS, Owner};
+
+fn small(owner: &Owner) -> EmbedConfig {
+    EmbedConfig { responses: BITS as usize, size_px: (32, 32), ..owner.config.clone() }
+}
+
+fn prepare<'a>(gpu: &'a Gpu, owner: &'a Owner, config: &EmbedConfig) -> Embedding<'a> {
+    Embedding::prepare(owner.subject(gpu), config.clone()).expect("prepares")
+}
+
+/// Offsets after some steps, a row of DC for each splat.
+fn offsets_after(mut embedding: Embedding<'_>, steps: usize) -> Vec<f32> {
+    for _ in 0..steps {
+        embedding.step().expect("steps").expect("there are more");
+    }
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("checkpoint");
+    embedding.save(&path).expect("saves");
+    let file = TensorFile::read(&path).expect("a checkpoint");
+    let shape = file.tensors["offsets.param"].shape.clone();
+    file.finite("offsets.param", &shape).expect("numbers").to_vec()
+}
+
+#[test]
+fn the_light_of_all_splats_is_what_covers_the_pixels() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let mut embedding = prepare(&gpu, &owner, &small(&owner));
+    let weights = embedding.visible_weight().expect("measures");
+    assert_eq!(weights.len(), owner.model.gaussians.len(), "one for each splat");
+    assert!(weights.iter().all(|w| *w >= 0.0 && w.is_finite()), "light is not negative");
+    let mut field = DeformField::new(&gpu, &owner.model.gaussians, owner.model.deformation.as_ref()).expect("field");
+    let mut renderer = Renderer::new(&gpu).expect("renderer");
+    let mut covered = 0.0;
+    let mut image = gpu.buffer("image", 32 * 32 * 4).expect("buffer");
+    for (camera, time) in embedding.training_shots().flatten() {
+        let state = field.at(*time).expect("deforms");
+        let plan = renderer.plan(&state, camera, Prune::Keep).expect("plans");
+        let mut rec = gpu.recorder().expect("recorder");
+        let frame = FrameMut { clip: &mut image, index: 0 };
+        renderer.forward(&mut rec, &plan, None, [0.0; 3], frame).expect("records");
+        rec.submit().expect("runs");
+        covered += image.read().expect("reads").chunks_exact(4).map(|px| 1.0 - f64::from(px[3])).sum::<f64>();
+    }
+    let light: f64 = weights.iter().sum();
+    // What all channels clamp to black at once is missing, and each of 16 frames' sums is rounded to single precision.
+    assert!(light <= covered * (1.0 + 1e-5) && light > 0.98 * covered, "{light} of {covered} px");
+}
+
+#[test]
+fn within_reach_are_the_fewest_splats_that_carry_the_share() {
+    let weights = [1.0, 0.0, 6.0, 2.0, 1.0];
+    assert_eq!(within_reach(&weights, 1.0), [true; 5], "all, seen or not");
+    assert_eq!(within_reach(&weights, 0.5), [false, false, true, false, false]);
+    assert_eq!(within_reach(&weights, 0.625), [false, false, true, true, false]);
+    assert_eq!(within_reach(&weights, 0.85), [true, false, true, true, false], "the first of two equals");
+    assert_eq!(within_reach(&weights, 0.999), [true, false, true, true, true], "none that is never seen");
+    assert_eq!(within_reach(&[0.0; 2], 0.5), [false; 2], "nothing to see");
+    assert_eq!(within_reach(&[], 0.5), [false; 0]);
+}
+
+#[test]
+fn splats_beyond_the_reach_keep_their_bits() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let config = EmbedConfig { reach: 0.5, ..small(&owner) };
+    let mut embedding = prepare(&gpu, &owner, &config);
+    let reached = within_reach(&embedding.visible_weight().expect("measures"), config.reach);
+    let few = reached.iter().filter(|reached| **reached).count();
+    assert!(few > 0 && 2 * few < reached.len(), "half of the light is of {few} of {} splats", reached.len());
+    while embedding.step().expect("steps").is_some() {}
+    let marked = embedding.finish().expect("finishes").sh_coeffs;
+    let rows = marked.chunks_exact(SH_FLOATS).zip(owner.model.gaussians.sh_coeffs.chunks_exact(SH_FLOATS));
+    let changed: Vec<bool> =
+        rows.map(|(with, without)| with.iter().zip(without).any(|(a, b)| a.to_bits() != b.to_bits())).collect();
+    let changed_beyond = changed.iter().zip(&reached).filter(|(changed, reached)| **changed && !**reached).count();
+    assert_eq!(changed_beyond, 0, "splats changed beyond the reach");
+    // A splat may be seen in clips that none of the four steps took, or have no gradient.
+    let changed = changed.iter().filter(|changed| **changed).count();
+    assert!(2 * changed > few, "{changed} of {few} splats changed");
+}
+
+#[test]
+fn splats_that_show_move_faster_within_bounds() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let plain = small(&owner);
+    let mut embedding = prepare(&gpu, &owner, &plain);
+    let weights = embedding.visible_weight().expect("measures");
+    // Adam's first step moves each offset by its rate, whatever the gradient.
+    let even = offsets_after(embedding, 1);
+    let shaped = offsets_after(prepare(&gpu, &owner, &EmbedConfig { visibility: 0.5, ..plain.clone() }), 1);
+    let mut seen: Vec<f64> = weights.iter().copied().filter(|w| *w > 0.0).collect();
+    seen.sort_by(f64::total_cmp);
+    let median = seen[seen.len() / 2];
+    let row = even.len() / weights.len();
+    let (mut want, mut got, mut bounded) = (Vec::new(), Vec::new(), [0; 2]);
+    for (splat, weight) in weights.iter().enumerate() {
+        let factor = (weight / median).sqrt();
+        bounded[0] += usize::from(factor < 0.25);
+        bounded[1] += usize::from(factor > 4.0);
+        for at in (splat * row..).take(CHANNELS) {
+            want.push(even[at] * factor.clamp(0.25, 4.0) as f32);
+            got.push(shaped[at]);
+        }
+    }
+    assert!(bounded.iter().all(|n| *n > 0), "splats at both bounds: {bounded:?}");
+    // One rounding each of the factor and of its product.
+    assert_close(&got, &want, 0.0, 4.0 * f32::EPSILON);
+    assert!(got.iter().any(|v| *v != 0.0), "something moved");
+}
+
+#[test]
+fn impossible_spreads_are_refused_and_settings_name_only_what_is_asked_for() {
+    let plain = EmbedConfig::new(Profile::Draft, ExtractorMode::Blind);
+    let said = serde_json::to_value(&plain).expect("JSON");
+    assert!(said["reach"].is_null() && said["visibility"].is_null(), "as before there was a choice: {said}");
+    let spread = EmbedConfig { reach: 0.5, visibility: -1.0, ..plain.clone() };
+    spread.validate().expect("possible");
+    let said = serde_json::to_value(&spread).expect("JSON");
+    assert_eq!((&said["reach"], &said["visibility"]), (&0.5.into(), &(-1.0).into()), "{said}");
+    for (reach, visibility, what) in [
+        (0.0, 0.0, "reach: 0"),
+        (1.5, 0.0, "reach: 1.5"),
+        (f32::NAN, 0.0, "reach: NaN"),
+        (1.0, 3.0, "visibility: 3"),
+        (1.0, f32::NAN, "visibility: NaN"),
+    ] {
+        let config = EmbedConfig { reach, visibility, ..plain.clone() };
+        let refused = config.validate().expect_err(what).to_string();
+        assert!(refused.contains(what), "{refused}");
+    }
+}
