@@ -8,7 +8,7 @@ use guard4d_engine::EngineError;
 use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::demo::{BITS, Scene};
 use guard4d_engine::scene::Model;
-use guard4d_engine::watermark::embed::{EmbedConfig, Embedding, Profile, Subject};
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedding, Profile, Repetition, Subject};
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::message::Message;
@@ -19,6 +19,8 @@ use crate::Outcome;
 use crate::harness::{Bench, Work};
 
 const SECRET: [u8; 32] = [7; 32];
+/// Steps whose recording is timed, of each kind.
+const RECORDINGS: usize = 30;
 
 /// An owner, made when the first row needs one: half a minute that other rows do not have to wait for.
 pub(crate) struct Owner {
@@ -80,6 +82,36 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
             let (Some(row), Some(before)) = (row, before) else { continue };
             row.stages = after.into_iter().map(|(part, seconds)| (part, (seconds - before[&part]) / steps)).collect();
         }
+        recording(bench, mode, || prepare(mode, 200))?;
+    }
+    Ok(())
+}
+
+/// Host time of recording a step whose repeated passes are replayed, and of one that is recorded anew, by turns.
+fn recording<'a>(
+    bench: &mut Bench,
+    mode: ExtractorMode,
+    prepare: impl FnOnce() -> Result<Embedding<'a>, EngineError>,
+) -> Outcome {
+    let name = |kind: &str| format!("embed/record a step, {mode}, {kind}, wall clock");
+    let kinds = [(Repetition::RecordedAnew, name("anew")), (Repetition::Replayed, name("replayed"))];
+    if !kinds.iter().any(|(_, name)| bench.wants(name)) {
+        return Ok(());
+    }
+    let mut embedding = prepare()?;
+    let mut seconds = kinds.each_ref().map(|_| Vec::new());
+    // In the first steps pipelines are made, and what is replayed is recorded.
+    for turn in 0..=RECORDINGS {
+        for ((how, _), seconds) in kinds.iter().zip(&mut seconds) {
+            embedding.repeat(*how);
+            embedding.step()?;
+            if turn > 0 {
+                seconds.push(embedding.recording_time().as_secs_f64());
+            }
+        }
+    }
+    for ((_, name), seconds) in kinds.into_iter().zip(seconds) {
+        bench.host_times(name, seconds);
     }
     Ok(())
 }

@@ -178,6 +178,12 @@ impl Bench {
         Ok(())
     }
 
+    /// A row of times that one thread of the host took, with the device at rest: they are CPU times too.
+    pub(crate) fn host_times(&mut self, name: String, seconds: Vec<f64>) {
+        let (core_seconds, split, stages) = (seconds.clone(), BTreeMap::new(), BTreeMap::new());
+        self.rows.push(Row { name, work: Work::Mixed, seconds, core_seconds, split, stages, scale: None });
+    }
+
     /// Kernels of the registry that no row ran, so that none is forgotten; nobody can tell after a part only.
     pub(crate) fn unmeasured(&self) -> Vec<&'static str> {
         let info = self.device.info();

@@ -16,4 +16,6 @@ pub mod splat;
 pub mod vk;
 
 pub use error::KernelError;
-pub use vk::{Buffer, Device, DeviceOptions, DeviceSelect, FamilySelect, Grid, KernelFamily, Recorder, Timings};
+pub use vk::{
+    Buffer, Device, DeviceOptions, DeviceSelect, FamilySelect, Grid, KernelFamily, Recorder, Section, Timings,
+};

@@ -10,6 +10,7 @@ mod nn;
 mod optim;
 mod probe;
 mod scan;
+mod section;
 mod select;
 mod splat;
 mod validation;

@@ -8,7 +8,8 @@ use guard4d_engine::lpips::{LpipsInput, LpipsWeights};
 use guard4d_engine::scene::{Camera, CameraSet, View};
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::embed::{
-    Control, EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, LpipsTerm, Profile, Start, StepReport,
+    Control, EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, LpipsTerm, Profile, Repetition, Start,
+    StepReport,
 };
 use guard4d_engine::watermark::evaluate::HeldOut;
 use guard4d_engine::watermark::evidence::ExtractorMode;
@@ -180,6 +181,33 @@ fn held_out_figures_of_blind_are_those_of_the_finished_mark() {
 #[test]
 fn held_out_figures_of_joint_are_those_of_the_finished_mark() {
     check_held_out(ExtractorMode::Joint);
+}
+
+#[test]
+fn replayed_steps_give_the_bytes_of_steps_that_are_recorded_anew() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let blind = EmbedConfig { steps: 4, held_out_every: 2, ..config(&owner, ExtractorMode::Blind) };
+    // Steps with a control and without one are two recordings; measuring comes between.
+    for config in [blind, EmbedConfig { held_out_every: 3, ..seldom(&owner, 5, 2) }] {
+        let trained = |how: &[Repetition]| {
+            let mut embedding = Embedding::prepare(owner.subject(&gpu), config.clone()).expect("prepares");
+            let mut reports = Vec::new();
+            for how in how.iter().cycle() {
+                embedding.repeat(*how);
+                let Some(report) = embedding.step().expect("steps") else { break };
+                assert!(!embedding.recording_time().is_zero(), "a step is recorded in some time");
+                reports.push(report);
+            }
+            let embedded = embedding.finish().expect("finishes");
+            let bits: Vec<u32> = embedded.sh_coeffs.iter().map(|v| v.to_bits()).collect();
+            let kernels: Vec<_> = embedded.device_seconds.keys().copied().collect();
+            (reports, bits, embedded.extractor, kernels)
+        };
+        let anew = trained(&[Repetition::RecordedAnew]);
+        assert!(anew == trained(&[Repetition::Replayed]), "{}: replayed", config.mode);
+        assert!(anew == trained(&[Repetition::Replayed, Repetition::RecordedAnew]), "{}: by turns", config.mode);
+    }
 }
 
 /// Settings of a short `joint` with a control in every `every`-th step.

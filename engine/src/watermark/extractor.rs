@@ -244,6 +244,15 @@ impl FeatureExtractor {
     /// # Errors
     /// [`KernelError::Shape`] before anything is recorded.
     pub fn forward(&mut self, rec: &mut Recorder, clips: &[&Buffer<f32>]) -> Result<(), KernelError> {
+        self.stack(rec, clips)?;
+        self.read(rec)
+    }
+
+    /// The first half of [`FeatureExtractor::forward`]: R of every clip.
+    ///
+    /// # Errors
+    /// [`KernelError::Shape`] before anything is recorded.
+    pub fn stack(&mut self, rec: &mut Recorder, clips: &[&Buffer<f32>]) -> Result<(), KernelError> {
         let len = self.clip_len;
         let fits = self.batches.iter().position(|batch| batch.branches == clips.len());
         self.current = fits.ok_or_else(|| KernelError::Shape {
@@ -262,6 +271,16 @@ impl FeatureExtractor {
                 None => rec.copy(clip, 0, &mut batch.stacked, i * len, len)?,
             }
         }
+        Ok(())
+    }
+
+    /// The second half: features of what was stacked last. For as many clips it records the same passes on the same buffers
+    /// each time, and so does [`FeatureExtractor::backward`], until activations are forgotten.
+    ///
+    /// # Errors
+    /// [`KernelError::Shape`] before anything is recorded.
+    pub fn read(&mut self, rec: &mut Recorder) -> Result<(), KernelError> {
+        let batch = &mut self.batches[self.current];
         normalize::forward(rec, &NORMALIZATION, &batch.stacked, &mut batch.pixels)?;
         self.tower.forward(rec, &batch.pixels, &mut batch.workspace)
     }

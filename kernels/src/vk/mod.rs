@@ -9,6 +9,7 @@ mod family;
 mod memory;
 mod pipeline;
 mod recorder;
+mod section;
 mod select;
 
 pub use assignment::Assignment;
@@ -21,6 +22,7 @@ pub use family::{FamilySelect, KernelFamily};
 pub use memory::work_memory;
 pub use pipeline::{BindingDef, BindingKind, KernelDef};
 pub use recorder::{Bindings, Bound, Grid, PassTime, Recorder, Timings, last_finished};
+pub use section::Section;
 pub use select::DeviceSelect;
 
 use ash::vk;

@@ -12,6 +12,7 @@ use super::check;
 use super::device::{Device, DeviceInfo, DeviceInner};
 use super::family::KernelFamily;
 use super::pipeline::{KernelDef, Pipeline};
+use super::section::Section;
 use crate::error::KernelError;
 
 /// Descriptor sets per pool; a recorder takes as many pools as it needs and keeps them.
@@ -67,11 +68,12 @@ impl Grid {
 }
 
 /// One buffer of a dispatch.
+#[derive(Clone)]
 pub struct Bound {
-    buffer: Arc<BufferInner>,
+    pub(super) buffer: Arc<BufferInner>,
     place: Place,
     format: vk::Format,
-    writes: bool,
+    pub(super) writes: bool,
 }
 
 impl Bound {
@@ -132,12 +134,13 @@ impl Timings {
     }
 }
 
-/// Command pool, fence, queries and descriptor pools that recorders hand on to each other.
+/// Command pool, fence, queries and descriptor pools that recorders hand on to each other; a section keeps its own.
 pub(super) struct Slot {
     pool: vk::CommandPool,
-    commands: vk::CommandBuffer,
+    pub(super) level: vk::CommandBufferLevel,
+    pub(super) commands: vk::CommandBuffer,
     fence: vk::Fence,
-    queries: vk::QueryPool,
+    pub(super) queries: vk::QueryPool,
     /// Queries, from the first on, that are not in their reset state. Few submissions use many, and under validation
     /// layers a reset of all would take longer than most submissions.
     unreset: u32,
@@ -145,19 +148,19 @@ pub(super) struct Slot {
 }
 
 impl Slot {
-    fn new(device: &DeviceInner) -> Result<Self, KernelError> {
+    pub(super) fn new(device: &DeviceInner, level: vk::CommandBufferLevel) -> Result<Self, KernelError> {
         let raw = &device.raw;
         // SAFETY: all create infos are valid; the handles are destroyed in `destroy`.
         unsafe {
             let info = vk::CommandPoolCreateInfo::default().queue_family_index(device.queue_family);
             let pool = check("vkCreateCommandPool", raw.create_command_pool(&info, None))?;
-            let info = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
+            let info = vk::CommandBufferAllocateInfo::default().command_pool(pool).level(level).command_buffer_count(1);
             let commands = check("vkAllocateCommandBuffers", raw.allocate_command_buffers(&info))?[0];
             let fence = check("vkCreateFence", raw.create_fence(&vk::FenceCreateInfo::default(), None))?;
             let info =
                 vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(TIMED_PASSES + 1);
             let queries = check("vkCreateQueryPool", raw.create_query_pool(&info, None))?;
-            Ok(Self { pool, commands, fence, queries, unreset: TIMED_PASSES + 1, descriptors: Vec::new() })
+            Ok(Self { pool, level, commands, fence, queries, unreset: TIMED_PASSES + 1, descriptors: Vec::new() })
         }
     }
 
@@ -174,17 +177,31 @@ impl Slot {
     }
 }
 
+/// What one query is written after.
+pub(super) enum Pass {
+    /// A kernel, `copy` or `fill`.
+    One(&'static str),
+    /// All that a section holds, with queries of its own.
+    Section(Section),
+}
+
+/// Time and availability that the device writes to a query.
+type Query = [u64; 2];
+
+/// A pass with the queries before and after it.
+type Timed = (&'static str, [Query; 2]);
+
 /// Records passes in order; nothing runs before [`Recorder::submit`].
 pub struct Recorder {
-    device: Arc<DeviceInner>,
+    pub(super) device: Arc<DeviceInner>,
     slot: Option<Slot>,
     sets_used: u32,
-    /// Kept alive until the fence has signalled.
-    buffers: Vec<Arc<BufferInner>>,
+    /// What passes touch, kept alive until the fence has signalled.
+    pub(super) bounds: Vec<Bound>,
     /// Views of parts of them, destroyed with the recorder.
     views: Vec<vk::BufferView>,
     pipelines: Vec<Arc<Pipeline>>,
-    passes: Vec<&'static str>,
+    passes: Vec<Pass>,
     unsynced_reads: HashSet<vk::Buffer>,
     unsynced_writes: HashSet<vk::Buffer>,
 }
@@ -204,9 +221,17 @@ impl Recorder {
         let spare = device.slots.lock().expect("no panic happens while slots are locked").pop();
         let slot = match spare {
             Some(slot) => slot,
-            None => Slot::new(device)?,
+            None => Slot::new(device, vk::CommandBufferLevel::PRIMARY)?,
         };
-        let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        Self::begin(device, slot)
+    }
+
+    pub(super) fn begin(device: &Arc<DeviceInner>, slot: Slot) -> Result<Self, KernelError> {
+        use vk::CommandBufferUsageFlags as Usage;
+        let is_section = slot.level == vk::CommandBufferLevel::SECONDARY;
+        let usage = if is_section { Usage::SIMULTANEOUS_USE } else { Usage::ONE_TIME_SUBMIT };
+        let inherited = vk::CommandBufferInheritanceInfo::default();
+        let info = vk::CommandBufferBeginInfo::default().flags(usage).inheritance_info(&inherited);
         // SAFETY: a spare slot's work has finished, so its pools may be reset.
         unsafe {
             let raw = &device.raw;
@@ -215,14 +240,19 @@ impl Recorder {
                 check("vkResetDescriptorPool", raw.reset_descriptor_pool(pool, vk::DescriptorPoolResetFlags::empty()))?;
             }
             check("vkBeginCommandBuffer", raw.begin_command_buffer(slot.commands, &info))?;
-            raw.cmd_reset_query_pool(slot.commands, slot.queries, 0, slot.unreset);
-            raw.cmd_write_timestamp(slot.commands, vk::PipelineStageFlags::TOP_OF_PIPE, slot.queries, 0);
+            // Before a section others may still run; and it does not know yet how many queries it needs.
+            let mut stage = vk::PipelineStageFlags::BOTTOM_OF_PIPE;
+            if !is_section {
+                stage = vk::PipelineStageFlags::TOP_OF_PIPE;
+                raw.cmd_reset_query_pool(slot.commands, slot.queries, 0, slot.unreset);
+            }
+            raw.cmd_write_timestamp(slot.commands, stage, slot.queries, 0);
         }
         Ok(Self {
             device: Arc::clone(device),
             slot: Some(slot),
             sets_used: 0,
-            buffers: Vec::new(),
+            bounds: Vec::new(),
             views: Vec::new(),
             pipelines: Vec::new(),
             passes: Vec::new(),
@@ -286,7 +316,7 @@ impl Recorder {
             raw.cmd_dispatch(commands, groups[0], groups[1], groups[2]);
         }
         self.pipelines.push(pipeline);
-        self.end_pass(kernel.name);
+        self.end_pass(Pass::One(kernel.name));
         Ok(())
     }
 
@@ -300,7 +330,7 @@ impl Recorder {
         unsafe {
             self.device.raw.cmd_fill_buffer(self.slot().commands, buffer.inner.handle, offset, bytes, bits);
         }
-        self.end_pass("fill");
+        self.end_pass(Pass::One("fill"));
     }
 
     /// Copies `len` elements.
@@ -345,7 +375,7 @@ impl Recorder {
         ]);
         // SAFETY: recording is open; ranges were checked; both buffers are kept until the fence.
         unsafe { self.device.raw.cmd_copy_buffer(self.slot().commands, from.handle, to.handle, &[region]) };
-        self.end_pass("copy");
+        self.end_pass(Pass::One("copy"));
     }
 
     /// Forgets what earlier passes touched, so that the next one gets no barrier: a fault on purpose, for trying whether
@@ -359,16 +389,17 @@ impl Recorder {
     /// Runs what was recorded, waits for it, and returns the device time of each pass.
     ///
     /// # Errors
-    /// [`KernelError::DeviceLost`] naming the last pass that finished.
+    /// [`KernelError::DeviceLost`] naming the last pass that finished; [`KernelError::Shape`] for a section's recorder.
     pub fn submit(mut self) -> Result<Timings, KernelError> {
-        let mut slot = self.slot.take().expect("only submit and drop take the slot");
+        self.expect_level(vk::CommandBufferLevel::PRIMARY)?;
+        let (commands, fence) = (self.slot().commands, self.slot().fence);
         let barrier = [vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE)
             .dst_access_mask(vk::AccessFlags::HOST_READ)];
         // SAFETY: recording is open and ends here; everything recorded is kept alive by `self`.
         let ended = unsafe {
             self.device.raw.cmd_pipeline_barrier(
-                slot.commands,
+                commands,
                 vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER,
                 vk::PipelineStageFlags::HOST,
                 vk::DependencyFlags::empty(),
@@ -376,37 +407,54 @@ impl Recorder {
                 &[],
                 &[],
             );
-            check("vkEndCommandBuffer", self.device.raw.end_command_buffer(slot.commands))
+            check("vkEndCommandBuffer", self.device.raw.end_command_buffer(commands))
         };
-        let done = ended.and_then(|()| self.device.submit_and_wait(slot.commands, slot.fence));
-        let result = match done {
+        let done = ended.and_then(|()| self.device.submit_and_wait(commands, fence));
+        match done {
             Ok(()) => {
-                slot.unreset = u32::try_from(self.timed() + 1).unwrap_or(TIMED_PASSES + 1);
-                self.timings(&slot)
+                self.slot_mut().unreset = u32::try_from(self.timed() + 1).unwrap_or(TIMED_PASSES + 1);
+                self.timings()
             }
-            Err(KernelError::DeviceLost { .. }) => {
-                Err(KernelError::DeviceLost { last_pass: self.last_finished(&slot) })
-            }
+            Err(KernelError::DeviceLost { .. }) => Err(KernelError::DeviceLost { last_pass: self.last_finished() }),
             Err(other) => Err(other),
-        };
-        self.slot = Some(slot);
-        result
+        }
     }
 
-    fn timed(&self) -> usize {
+    /// Passes with a query of their own.
+    pub(super) fn timed(&self) -> usize {
         self.passes.len().min(TIMED_PASSES as usize)
     }
 
-    fn timings(&self, slot: &Slot) -> Result<Timings, KernelError> {
-        let mut ticks = vec![0u64; self.timed() + 1];
-        // SAFETY: the queries were reset and written by the submission that has finished.
-        check("vkGetQueryPoolResults", unsafe {
-            self.device.raw.get_query_pool_results(slot.queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64)
-        })?;
+    /// Names of the timed passes, those in sections among them, each with the queries before and after it.
+    fn queries(&self) -> (Vec<Timed>, Result<(), KernelError>) {
+        let mut results: Vec<Query> = vec![[0; 2]; self.timed() + 1];
+        let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WITH_AVAILABILITY;
+        // SAFETY: the query pool is alive, and the submission that reset and wrote the queries was waited for; on a lost
+        // device the call returns what is there.
+        let got = unsafe { self.device.raw.get_query_pool_results(self.slot().queries, 0, &mut results, flags) };
+        let mut outcome = check("vkGetQueryPoolResults", got);
+        let mut passes = Vec::with_capacity(results.len());
+        for (pass, pair) in self.passes.iter().zip(results.windows(2)) {
+            match pass {
+                Pass::One(name) => passes.push((*name, [pair[0], pair[1]])),
+                Pass::Section(section) => {
+                    let (inner, got) = section.recorder().queries();
+                    passes.extend(inner);
+                    outcome = outcome.and(got);
+                }
+            }
+        }
+        (passes, outcome)
+    }
+
+    fn timings(&self) -> Result<Timings, KernelError> {
+        let (queries, outcome) = self.queries();
+        outcome?;
         let period = f64::from(self.device.info.timestamp_period_ns);
-        let nanos = |pair: &[u64]| pair[1].saturating_sub(pair[0]) as f64 * period;
-        let times = ticks.windows(2).map(|pair| Duration::from_secs_f64(nanos(pair) * 1e-9));
-        let passes: Vec<_> = self.passes.iter().zip(times).map(|(&name, time)| PassTime { name, time }).collect();
+        let time = |[before, after]: [Query; 2]| {
+            Duration::from_secs_f64(after[0].saturating_sub(before[0]) as f64 * period * 1e-9)
+        };
+        let passes: Vec<_> = queries.into_iter().map(|(name, pair)| PassTime { name, time: time(pair) }).collect();
         for PassTime { name, time } in &passes {
             tracing::trace!(pass = name, us = time.as_secs_f64() * 1e6, "ran");
         }
@@ -414,21 +462,32 @@ impl Recorder {
     }
 
     /// The last pass whose timestamp arrived, for the report of a lost device.
-    fn last_finished(&self, slot: &Slot) -> String {
-        let mut results = vec![[0u64; 2]; self.timed() + 1];
-        let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WITH_AVAILABILITY;
-        // SAFETY: the query pool is alive; on a lost device the call returns what is there.
-        let _ = unsafe { self.device.raw.get_query_pool_results(slot.queries, 0, &mut results, flags) };
-        let available: Vec<u64> = results.iter().map(|result| result[1]).collect();
-        last_finished(&available, &self.passes)
+    fn last_finished(&self) -> String {
+        let (queries, _) = self.queries();
+        // Nobody asks for the one from before the first pass.
+        let available: Vec<u64> = std::iter::once(0).chain(queries.iter().map(|(_, [_, after])| after[1])).collect();
+        last_finished(&available, &self.names())
     }
 
-    fn slot(&self) -> &Slot {
-        self.slot.as_ref().expect("only submit and drop take the slot")
+    /// All passes, also those that are not timed.
+    fn names(&self) -> Vec<&'static str> {
+        let names = |pass: &Pass| match pass {
+            Pass::One(name) => vec![*name],
+            Pass::Section(section) => section.recorder().names(),
+        };
+        self.passes.iter().flat_map(names).collect()
+    }
+
+    pub(super) fn slot(&self) -> &Slot {
+        self.slot.as_ref().expect("only drop takes the slot")
+    }
+
+    fn slot_mut(&mut self) -> &mut Slot {
+        self.slot.as_mut().expect("only drop takes the slot")
     }
 
     /// Emits a barrier when a buffer was touched since the last one in a way that conflicts.
-    fn synchronise(&mut self, list: &[Bound]) {
+    pub(super) fn synchronise(&mut self, list: &[Bound]) {
         let conflict = list.iter().any(|b| {
             let handle = b.buffer.handle;
             self.unsynced_writes.contains(&handle) || (b.writes && self.unsynced_reads.contains(&handle))
@@ -458,12 +517,12 @@ impl Recorder {
         for b in list {
             let touched = if b.writes { &mut self.unsynced_writes } else { &mut self.unsynced_reads };
             touched.insert(b.buffer.handle);
-            self.buffers.push(Arc::clone(&b.buffer));
+            self.bounds.push(b.clone());
         }
     }
 
-    fn end_pass(&mut self, name: &'static str) {
-        self.passes.push(name);
+    pub(super) fn end_pass(&mut self, pass: Pass) {
+        self.passes.push(pass);
         if let Ok(query @ ..=TIMED_PASSES) = u32::try_from(self.passes.len()) {
             let slot = self.slot();
             // SAFETY: recording is open and the query was reset at its start.
@@ -544,7 +603,7 @@ impl Recorder {
         let info = vk::DescriptorPoolCreateInfo::default().max_sets(SETS_PER_POOL).pool_sizes(&sizes);
         // SAFETY: the create info is valid; the slot destroys the pool.
         let pool = check("vkCreateDescriptorPool", unsafe { self.device.raw.create_descriptor_pool(&info, None) })?;
-        self.slot.as_mut().expect("only submit and drop take the slot").descriptors.push(pool);
+        self.slot_mut().descriptors.push(pool);
         Ok(pool)
     }
 }
@@ -555,8 +614,11 @@ impl Drop for Recorder {
             // SAFETY: it was made on this device, and nothing that was recorded with it runs any more.
             unsafe { self.device.raw.destroy_buffer_view(view, None) };
         }
-        if let Some(slot) = self.slot.take() {
-            self.device.slots.lock().expect("no panic happens while slots are locked").push(slot);
+        match self.slot.take() {
+            // Whoever replays a section keeps it until the fence has signalled.
+            Some(slot) if slot.level == vk::CommandBufferLevel::SECONDARY => slot.destroy(&self.device.raw),
+            Some(slot) => self.device.slots.lock().expect("no panic happens while slots are locked").push(slot),
+            None => {}
         }
     }
 }

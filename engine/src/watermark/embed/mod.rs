@@ -11,11 +11,12 @@ mod fit;
 mod ladder;
 mod perception;
 mod pool;
+mod repeated;
 mod step;
 mod visibility;
 
 use std::collections::BTreeMap;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use guard4d_kernels::Device;
 use rand_chacha::ChaCha20Rng;
@@ -24,6 +25,7 @@ pub use config::{Control, ControlClips, EmbedConfig, LpipsTerm, Profile};
 pub use cost::StepPart;
 pub use estimate::Estimate;
 pub use ladder::{Ladder, Left, Look, Rung, RungReport};
+pub use repeated::Repetition;
 pub use step::{HeldOutReport, StepReport};
 pub use visibility::within_reach;
 
@@ -265,6 +267,17 @@ impl<'a> Embedding<'a> {
             self.add_seconds(self.standing.rung, started);
         }
         Ok(Some(report))
+    }
+
+    /// Chooses how the passes that are the same in every step come to the device, from the next step on.
+    pub fn repeat(&mut self, how: Repetition) {
+        self.critic.repeated.how = how;
+    }
+
+    /// Host time of recording the last step, before anything of it ran.
+    #[must_use]
+    pub fn recording_time(&self) -> Duration {
+        self.critic.repeated.last_step
     }
 
     /// Counts the time since `started` as training's, and as that of a rung.

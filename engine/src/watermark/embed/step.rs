@@ -1,6 +1,7 @@
 //! One training step: render, lose, go back, update. No I/O, no allocation.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use guard4d_kernels::image::noise::{self, Noise};
 use guard4d_kernels::image::quantize;
@@ -21,6 +22,7 @@ use super::config::{ControlTurn, EmbedConfig};
 use super::copies::Copies;
 use super::perception::Perception;
 use super::pool::{ClipPool, is_over_budget};
+use super::repeated::Repeated;
 use crate::distortion::Drawn;
 use crate::error::EngineError;
 use crate::render::{OffsetBases, Offsets, Renderer};
@@ -194,9 +196,10 @@ fn offset_adam(config: &EmbedConfig, rates: Rates) -> AdamConfig {
 /// The extractor in training, with its losses.
 pub(super) struct Critic {
     pub(super) features: FeatureExtractor,
-    decoder: Decoder,
+    pub(super) decoder: Decoder,
     /// Of all branches, and of the marked clip alone if steps go without a control.
-    passes: Vec<DecoderPass>,
+    pub(super) passes: Vec<DecoderPass>,
+    pub(super) repeated: Repeated,
     target: Buffer<f32>,
     message: Message,
     objective: Objective,
@@ -245,6 +248,7 @@ impl Critic {
                 1 => vec![decoder.pass(device, branches * CLIP_FRAMES)?],
                 _ => vec![decoder.pass(device, branches * CLIP_FRAMES)?, decoder.pass(device, CLIP_FRAMES)?],
             },
+            repeated: Repeated::default(),
             target: device.buffer_from("critic.target", &bits)?,
             values: device.buffer("critic.values", NUM_VALUES)?,
             branches: (0..branches).map(|_| branch()).collect::<Result<_, _>>()?,
@@ -285,7 +289,7 @@ impl Critic {
     }
 
     /// Which of `self.passes` a step goes through.
-    fn pass_index(&self, rates: Rates) -> usize {
+    pub(super) fn pass_index(&self, rates: Rates) -> usize {
         usize::from(self.training() == Training::Tmsd && rates.control == ControlTurn::Skipped)
     }
 
@@ -299,6 +303,7 @@ impl Critic {
     ) -> Result<Arc<TrainingClip>, EngineError> {
         let clip = pool.get(index, stage);
         if is_over_budget(&clip) && self.features.forget_activations() {
+            self.repeated.forget();
             tracing::debug!("activations are computed again from now on");
             return pool.get(index, stage);
         }
@@ -314,6 +319,7 @@ impl Critic {
         config: &EmbedConfig,
         rates: Rates,
     ) -> Result<(StepReport, Timings), EngineError> {
+        let started = Instant::now();
         let mut rec = device.recorder()?;
         stage.draw(&mut rec, clip)?;
         self.fidelity(&mut rec, stage, clip, config)?;
@@ -324,10 +330,11 @@ impl Critic {
             Some(drawn) => stage.distort(&mut rec, drawn)?,
             None => stage.shrink(&mut rec)?,
         }
-        self.logits(&mut rec, stage, clip, config, rates)?;
-        self.message_losses(&mut rec, config, rates)?;
+        self.look(&mut rec, stage, clip, config, rates)?;
+        self.read_and_return(&mut rec, device, config, rates)?;
         self.update(&mut rec, stage, clip, config, rates)?;
         self.gather(&mut rec)?;
+        self.repeated.last_step = started.elapsed();
         let timings = rec.submit()?;
         Ok((self.report(config, rates)?, timings))
     }
@@ -362,8 +369,8 @@ impl Critic {
         Ok(())
     }
 
-    /// Logits of the marked clip and of the step's control.
-    fn logits(
+    /// R of the marked clip and of the step's control.
+    fn look(
         &mut self,
         rec: &mut Recorder,
         stage: &mut Stage,
@@ -372,19 +379,17 @@ impl Critic {
         rates: Rates,
     ) -> Result<(), KernelError> {
         match (self.control(rates), rates.distortion) {
-            (ControlTurn::Skipped, _) => self.features.forward(rec, &[&stage.resized])?,
+            (ControlTurn::Skipped, _) => self.features.stack(rec, &[&stage.resized]),
             (ControlTurn::Clean | ControlTurn::Noisy, Some(drawn)) => {
                 stage.distort_control(rec, clip, drawn)?;
-                self.features.forward(rec, &[&stage.resized, &stage.noisy_resized])?;
+                self.features.stack(rec, &[&stage.resized, &stage.noisy_resized])
             }
-            (ControlTurn::Clean, None) => self.features.forward(rec, &[&stage.resized, &clip.resized])?,
+            (ControlTurn::Clean, None) => self.features.stack(rec, &[&stage.resized, &clip.resized]),
             (ControlTurn::Noisy, None) => {
                 stage.noisy(rec, clip, &Noise { sigma: rates.sigma, seed: config.seed, stream: rates.stream })?;
-                self.features.forward(rec, &[&stage.resized, &stage.noisy_resized])?;
+                self.features.stack(rec, &[&stage.resized, &stage.noisy_resized])
             }
         }
-        let pass = self.pass_index(rates);
-        self.decoder.forward(rec, self.features.features(), &mut self.passes[pass])
     }
 
     /// Message loss on what sets the marked clip's logits apart from the control's, and the control loss.
@@ -392,7 +397,12 @@ impl Critic {
     /// A message loss on the marked logits alone is cheapest to lower by an R that says the message whatever it
     /// sees; here such an R gains nothing. A step without a control takes the last one's logits for constants, and the
     /// next control's gradient makes up for it: see [`EmbedConfig::control_every`].
-    fn message_losses(&mut self, rec: &mut Recorder, config: &EmbedConfig, rates: Rates) -> Result<(), KernelError> {
+    pub(super) fn message_losses(
+        &mut self,
+        rec: &mut Recorder,
+        config: &EmbedConfig,
+        rates: Rates,
+    ) -> Result<(), KernelError> {
         let bits = self.target.len();
         let groups = Groups { groups: 1, rows: CLIP_FRAMES, bits };
         let len = CLIP_FRAMES * bits;
@@ -424,7 +434,7 @@ impl Critic {
         Ok(())
     }
 
-    /// Back through extractor, resize and renderer, then Adam.
+    /// Back through resize and renderer, then Adam.
     fn update(
         &mut self,
         rec: &mut Recorder,
@@ -433,11 +443,6 @@ impl Critic {
         config: &EmbedConfig,
         rates: Rates,
     ) -> Result<(), EngineError> {
-        let training = self.training();
-        let pass = self.pass_index(rates);
-        let pass = &mut self.passes[pass];
-        self.decoder.backward(rec, pass)?;
-        self.features.backward(rec, &pass.v_features, training)?;
         if let Some(drawn) = rates.distortion {
             stage.undistort(rec, drawn, &self.features.v_x)?;
         } else {
@@ -456,7 +461,7 @@ impl Critic {
             offset_penalty::step(rec, (&stage.offsets, blocks), v_offsets, term, &mut stage.penalty_sums)?;
         }
         adam::step(rec, &mut stage.offsets, &stage.v_offsets, &mut stage.offsets_state, &offset_adam(config, rates))?;
-        if training == Training::Tmsd
+        if self.training() == Training::Tmsd
             && let Some(tmsd) = self.features.tmsd()
         {
             let adam = AdamConfig { lr: config.lr_tmsd * rates.decay, ..AdamConfig::default() };
