@@ -16,6 +16,5 @@ mod prf;
 pub(crate) mod receipt;
 mod spread;
 mod statistics;
-mod sweep;
 mod tmsd;
 mod tokens;

@@ -9,7 +9,7 @@ use super::summary::{self, Column, Findings};
 use crate::watermark::embed::{Control, EmbedConfig, Profile};
 use crate::watermark::evidence::ExtractorMode;
 
-/// Strengths at which a finished mark is read again.
+/// Strengths at which a finished mark is read again, beside its own.
 const STRENGTHS: [f32; 7] = [0.0, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0];
 /// Those of a first look.
 const QUICK_STRENGTHS: [f32; 2] = [0.0, 0.5];
@@ -22,7 +22,7 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
     let takes: Vec<Take> = std::iter::once(Take::Plain).chain(strengths.iter().map(|k| Take::Strength(*k))).collect();
     let arm = |mode| Arm {
         takes: takes.clone(),
-        swap: true,
+        is_contested: true,
         ..Arm::new(format!("{mode}"), scale.config(Profile::Balanced, mode))
     };
     let mut arms = [ExtractorMode::None, ExtractorMode::Blind, ExtractorMode::Joint].map(arm).to_vec();
@@ -38,12 +38,13 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
     arms
 }
 
-const ACCURACY: [Column; 11] = [
+const ACCURACY: [Column; 12] = [
     summary::ARM,
     summary::ROWS,
     summary::MARKED,
     summary::FRAMES,
     summary::CLEAN,
+    ("bit on which clean clips agree most: bias", |g| g.decimals(|r| r.clean_bit_bias, 2)),
     summary::NOISY,
     summary::OTHERS,
     summary::PSNR,
@@ -52,13 +53,16 @@ const ACCURACY: [Column; 11] = [
     summary::ERRORS,
 ];
 
-const PLACE: [Column; 6] = [
+const PLACE: [Column; 9] = [
     summary::ARM,
     summary::MARKED,
     UNTRAINED,
     ("swap: second message, %", |g| g.percent_range(|r| r.swap_second)),
     ("swap: first message, %", |g| g.percent_range(|r| r.swap_first)),
     ("another key's own message, %", |g| g.percent_range(|r| r.wrong_key_own)),
+    ("another owner's copy, %", |g| g.control(|r| r.other_owner, |r| r.other_owner_in_band)),
+    ("forged afterwards, %", |g| g.percent_range(|r| r.forged)),
+    ("verdict on the forgery", |g| g.verdicts(|r| &r.forged_verdict)),
 ];
 
 const SWEEP: [Column; 5] = [summary::ARM, summary::TAKE, summary::MARKED, summary::PSNR, summary::PRESENT];
@@ -91,7 +95,8 @@ pub(super) fn report(findings: &Findings) -> Report {
             summary::table("Accuracy and controls", "", &ACCURACY, &plain),
             summary::table(
                 "Where the message lives",
-                "Swap: both messages share half of their bits, so that whoever holds one reads the other at 50 %.",
+                "Swap: both messages share half of their bits, so that whoever holds one reads the other at 50 %. Forged: an \
+                 accuser trains R afterwards until unmarked clips say the message; what verify would say of these clips then.",
                 &PLACE,
                 &plain,
             ),

@@ -9,7 +9,7 @@ use cpu_time::ProcessTime;
 use guard4d_kernels::{Device, KernelError};
 
 use super::plan::{Arm, Cell, Take};
-use super::row::{Effort, Row};
+use super::row::{Effort, Row, in_words};
 use super::scene::{self, ORBIT_ELEVATION_DEG, Scene, SceneSource};
 use super::{Step, Watcher};
 use crate::clip::{Clip, ClipSource};
@@ -22,13 +22,16 @@ use crate::media::encode::{EncodeOptions, OddSize, write_mp4};
 use crate::output::Existing;
 use crate::scene::{CameraSet, ImageSize};
 use crate::watermark::cross_examination::{
-    CrossExamination, OtherScene, Witnesses, cross_examine, read_swap, swap_message,
+    CrossExamination, OtherOwner, OtherOwners, OtherScene, Swap, Witnesses, cross_examine, read_other_owners,
+    read_swap, swap_message,
 };
 use crate::watermark::embed::{EmbedConfig, Embedded, Embedding, Estimate, Start, Subject};
 use crate::watermark::evaluate::{Evaluation, HeldOut};
 use crate::watermark::evidence::ExtractorMode;
 use crate::watermark::extractor::ExtractorWeights;
+use crate::watermark::forgery::{ForgeConfig, forge};
 use crate::watermark::key::{Key, digest_of};
+use crate::watermark::null_panel::ControlState;
 use crate::watermark::prf::MasterSecret;
 
 /// Opens a device: each embedding has one of its own, so that its memory is its own.
@@ -141,7 +144,8 @@ impl<'a> Lab<'a> {
             watch(Step::Reading(take))?;
             let (evaluation, examination) = marked.read(take, &witnesses)?;
             let row = blank.clone().took(&effort).read(take.to_string(), &evaluation).examined(&examination);
-            rows.push(if arm.swap && *take == Take::Plain { marked.swapped(row, watch)? } else { row });
+            let is_contested = arm.is_contested && *take == Take::Plain;
+            rows.push(if is_contested { marked.contested(row, (&fitted, &stranger), watch)? } else { row });
         }
         Ok(rows)
     }
@@ -241,8 +245,31 @@ impl Marked<'_> {
         }
     }
 
-    /// Adds what a second copy with another message says, which is optimised through the first one's frozen extractor.
-    fn swapped(&self, row: Row, watch: Watcher<'_>) -> Result<Row, EngineError> {
+    /// Adds what other copies say, and what a forger makes of clean clips.
+    fn contested(
+        &self,
+        row: Row,
+        (fitted, rival): (&ExtractorWeights, &Key),
+        watch: Watcher<'_>,
+    ) -> Result<Row, EngineError> {
+        let swap = self.swap(&mut *watch)?;
+        let other = self.other_owner(rival, watch)?;
+        let row = Row {
+            swap_second: Some(swap.second.share()),
+            swap_first: Some(swap.first.share()),
+            other_owner: other.as_ref().map(|other| other.all.share()),
+            other_owner_in_band: other.as_ref().map(|other| other.all.state == ControlState::Quiet),
+            ..row
+        };
+        match self.arm.config.mode {
+            ExtractorMode::Joint => self.forged(row, fitted, rival),
+            // Without a network there is nothing to train.
+            _ => Ok(row),
+        }
+    }
+
+    /// A second copy with another message, optimised through the first one's frozen extractor.
+    fn swap(&self, watch: Watcher<'_>) -> Result<Swap, EngineError> {
         let subject = &self.subject;
         let extractor: &ExtractorWeights = &self.embedded.extractor;
         let message = swap_message(subject.message, subject.key);
@@ -250,8 +277,27 @@ impl Marked<'_> {
         let start = Start::Frozen(extractor);
         let copy = train(Embedding::prepare_with(second, self.arm.config.clone(), start)?, watch)?;
         let held_out = HeldOut::shoot(subject.device, &self.scene.model, &copy.sh_coeffs, &self.scene.cameras)?;
-        let swap = read_swap(subject, extractor, &held_out, &message)?;
-        Ok(Row { swap_second: Some(swap.second.share()), swap_first: Some(swap.first.share()), ..row })
+        read_swap(subject, extractor, &held_out, &message)
+    }
+
+    /// The same asset as another owner marks it.
+    fn other_owner(&self, rival: &Key, watch: Watcher<'_>) -> Result<Option<OtherOwners>, EngineError> {
+        let subject = &self.subject;
+        let message = rival.own_message();
+        let theirs = Subject { message: &message, key: rival, ..*subject };
+        let copy = train(Embedding::prepare(theirs, self.arm.config.clone())?, watch)?;
+        let held_out = HeldOut::shoot(subject.device, &self.scene.model, &copy.sh_coeffs, &self.scene.cameras)?;
+        let owners = [OtherOwner { name: "rival", clips: &held_out.marked }];
+        read_other_owners(subject, &self.embedded.extractor, &owners)
+    }
+
+    /// What an accuser makes clean clips say afterwards, and what a verifier makes of that.
+    fn forged(&self, row: Row, fitted: &ExtractorWeights, rival: &Key) -> Result<Row, EngineError> {
+        let forgery = forge(&self.subject, fitted, &self.scene.clean, &ForgeConfig::default())?;
+        let clean = self.film(&Take::Strength(0.0))?;
+        let witnesses = Witnesses { scenes: &[], stranger: rival, untrained: None };
+        let examined = cross_examine(&self.subject, &forgery.extractor, &clean, &witnesses)?;
+        Ok(Row { forged: Some(forgery.said.share()), forged_verdict: in_words(examined.evidence.verdict), ..row })
     }
 }
 

@@ -216,7 +216,7 @@ impl Study<'_> {
 fn is_measured(ledger: &Ledger, cell: &Cell, machine: &Machine) -> bool {
     let id = cell.id(machine);
     cell.arm.takes.iter().all(|take| {
-        let swapped = |row: &Row| *take != Take::Plain || !cell.arm.swap || row.swap_second.is_some();
+        let swapped = |row: &Row| *take != Take::Plain || !cell.arm.is_contested || row.swap_second.is_some();
         ledger.find(&id, &take.to_string()).is_some_and(|row| !row.error.is_empty() || swapped(row))
     })
 }

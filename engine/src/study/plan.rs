@@ -71,8 +71,9 @@ pub struct Arm {
     pub takes: Vec<Take>,
     /// Whether the device's memory holds half of the training clips only, so that the others are made again.
     pub is_tight: bool,
-    /// Whether a second copy is made through the frozen extractor.
-    pub swap: bool,
+    /// Whether other copies are made: with another message through the frozen extractor, and by another owner; and whether an
+    /// accuser tries to forge one.
+    pub is_contested: bool,
 }
 
 impl Arm {
@@ -86,7 +87,7 @@ impl Arm {
             variant: Variant::AsIs,
             takes: vec![Take::Plain],
             is_tight: false,
-            swap: false,
+            is_contested: false,
         }
     }
 }

@@ -58,6 +58,8 @@ pub struct Row {
     pub clean: Option<f64>,
     /// Whether that is inside the two-sided 99 % band.
     pub clean_in_band: Option<bool>,
+    /// How far the bit that clean clips agree on most is from one half of them.
+    pub clean_bit_bias: Option<f64>,
     /// The message's bits in clean clips with noise.
     pub noisy: Option<f64>,
     /// Whether that is inside the band.
@@ -86,6 +88,14 @@ pub struct Row {
     pub swap_second: Option<f64>,
     /// The first message's bits there.
     pub swap_first: Option<f64>,
+    /// The message's bits in clips of the same asset as another owner marked it.
+    pub other_owner: Option<f64>,
+    /// Whether that is inside the band.
+    pub other_owner_in_band: Option<bool>,
+    /// The message's bits that an R which was trained afterwards says of unmarked clips.
+    pub forged: Option<f64>,
+    /// What `verify` would say of that.
+    pub forged_verdict: String,
     /// Seconds of planning.
     pub plan_s: Option<f64>,
     /// Seconds of fitting.
@@ -172,6 +182,7 @@ impl Row {
             exact: Some(e.exact() as f64 / e.clips.max(1) as f64),
             clean: Some(e.clean),
             clean_in_band: quiet(&e.clean_leak),
+            clean_bit_bias: Some(e.clean_bits.max_deviation),
             noisy: Some(e.noisy),
             noisy_in_band: quiet(&e.noisy_leak),
             psnr_db: Some(e.psnr.mean_of_views_db.0),
@@ -190,12 +201,7 @@ impl Row {
                 PStatement::Searched(p) => Some(p.matches),
                 PStatement::Empirical { .. } => None,
             },
-            verdict: match x.evidence.verdict {
-                Verdict::Present => "present",
-                Verdict::Absent => "absent",
-                Verdict::Inconclusive => "inconclusive",
-            }
-            .to_owned(),
+            verdict: in_words(x.evidence.verdict),
             other_scenes: x.other_scenes.as_ref().map(Leak::share),
             other_scenes_in_band: x.other_scenes.as_ref().map(|leak| leak.state == ControlState::Quiet),
             wrong_key_own: Some(x.wrong_key_own.share()),
@@ -223,6 +229,11 @@ impl Row {
         let text = bytes.and_then(|bytes| String::from_utf8(bytes).map_err(std::io::Error::other));
         text.map_err(|source| EngineError::Io { path: "rows of a study".into(), source })
     }
+}
+
+/// A verdict as files have it.
+pub(super) fn in_words(verdict: Verdict) -> String {
+    words(&verdict)
 }
 
 /// A unit variant as files name it.

@@ -132,15 +132,21 @@ impl Group<'_> {
         format!("{present} of {}", self.rows.len())
     }
 
-    /// Why rows have no reading, each reason once.
+    /// Why rows have no reading.
     pub(super) fn errors(&self) -> String {
-        let mut reasons: Vec<&str> = Vec::new();
-        for row in self.rows.iter().filter(|row| !row.error.is_empty()) {
-            if !reasons.contains(&row.error.as_str()) {
-                reasons.push(&row.error);
+        self.verdicts(|row| &row.error)
+    }
+
+    /// What rows say in words, each of it once.
+    pub(super) fn verdicts(&self, words: fn(&Row) -> &str) -> String {
+        let mut said: Vec<&str> = Vec::new();
+        for row in &self.rows {
+            let words = words(row);
+            if !words.is_empty() && !said.contains(&words) {
+                said.push(words);
             }
         }
-        reasons.join("; ")
+        said.join("; ")
     }
 }
 

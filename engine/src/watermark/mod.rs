@@ -24,7 +24,6 @@ pub mod prf;
 pub mod reading;
 pub mod receipt;
 pub mod statistics;
-pub mod sweep;
 pub mod tmsd;
 pub mod tokens;
 pub mod undo;

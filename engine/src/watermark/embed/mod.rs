@@ -40,7 +40,6 @@ use crate::watermark::extractor::{ExtractorWeights, FeatureExtractor, Training};
 use crate::watermark::key::Key;
 use crate::watermark::message::Message;
 use crate::watermark::prf::{Purpose as Stream, uniform_below, uniform_unit};
-use crate::watermark::sweep::at_strength;
 use ladder::Standing;
 use pool::{ClipPool, is_over_budget};
 use step::{Critic, Rates, Stage};
@@ -85,7 +84,7 @@ impl Embedded {
     /// The coefficients `clean + strength × offsets`; `clean` are those of the unmarked model.
     #[must_use]
     pub fn with_strength(&self, clean: &[f32], strength: f32) -> Vec<f32> {
-        at_strength(clean, &self.sh_coeffs, strength)
+        clean.iter().zip(&self.sh_coeffs).map(|(c, m)| if c == m { *m } else { c + strength * (m - c) }).collect()
     }
 }
 
