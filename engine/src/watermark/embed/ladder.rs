@@ -17,6 +17,8 @@ const LOOKS: u32 = 2;
 const SETTLING_STEPS: usize = 25;
 /// Fidelity that may be missing when a look finds the mark good enough, dB; the hold makes up for it while the mark settles.
 const PSNR_SLACK_DB: f32 = 0.25;
+/// Fidelity that may be left over, dB, for a look without progress to count: a mark that still grows is not done.
+const GROWN_DB: f32 = 0.5;
 /// Share of the held-out frames' bits by which a look must beat the best one before it to count as progress: one standard
 /// error of a share of 0.95 among the 1024 bits of eight clips that read 16 is 0.007.
 const GAIN: f32 = 0.007;
@@ -152,13 +154,14 @@ impl Standing {
         }
         let is_met = report.sure >= ladder.sure && report.psnr >= target_psnr - PSNR_SLACK_DB;
         self.met = if is_met { self.met + 1 } else { 0 };
-        if report.bit_accuracy >= self.best + GAIN {
+        let has_gained = report.bit_accuracy >= self.best + GAIN;
+        if has_gained {
             (self.best, self.flat) = (report.bit_accuracy, 0);
-        } else {
+        } else if report.psnr <= target_psnr + GROWN_DB {
             self.flat += 1;
         }
         // What is enough is not left as long as every look brings more.
-        let left = if self.met >= LOOKS && self.flat > 0 {
+        let left = if self.met >= LOOKS && !has_gained {
             Left::Enough
         } else if self.flat >= ladder.patience {
             Left::Flat
@@ -237,7 +240,7 @@ mod tests {
     #[test]
     fn what_brings_no_progress_is_left_and_the_last_rung_ends_it() {
         use Verdict::{Climb, End, Stay};
-        let low = |accuracy: f32| (accuracy, 0.5, 45.0);
+        let low = |accuracy: f32| (accuracy, 0.5, 40.4);
         let flat = verdicts(&[low(0.6), low(0.603), low(0.604), low(0.61), low(0.61), low(0.61), low(0.99)]);
         // 0.61 is progress by more than one standard error; what comes after the end decides nothing.
         assert_eq!(flat, [Stay, Stay, Climb(Left::Flat), Stay, Stay, End(Left::Flat), Stay]);
@@ -257,13 +260,15 @@ mod tests {
         assert_eq!(rising, [Stay, Stay, Stay, end], "each brings more");
         let climbs = Verdict::Climb(Left::Flat);
         assert_eq!(
-            verdicts(&[(0.9, 0.75, 41.0), (0.9, 0.7, 41.0), (0.9, 0.75, 41.0)]),
+            verdicts(&[(0.9, 0.75, 40.1), (0.9, 0.7, 40.1), (0.9, 0.75, 40.1)]),
             [Stay, Stay, climbs],
             "not in a row"
         );
         assert_eq!(verdicts(&[(0.9, 0.8, 39.0), (0.9, 0.8, 39.0), (0.9, 0.8, 39.0)]), [Stay, Stay, climbs], "too loud");
+        let faint = verdicts(&[(0.6, 0.5, 45.0); 9]);
+        assert_eq!(faint, [Stay; 9], "a mark that still grows is not done");
         let none = f32::NAN;
-        assert_eq!(verdicts(&[(none, none, none), (none, none, none)]), [Stay, climbs], "what is no number is nothing");
+        assert_eq!(verdicts(&[(none, none, none); 3]), [Stay; 3], "what is no number decides nothing");
     }
 
     #[test]
