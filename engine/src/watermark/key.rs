@@ -241,16 +241,23 @@ fn vocabulary(clip: &Clip) -> Vocabulary {
 /// for a large text tower takes long over all.
 fn text_features(clip: &Clip, table: &TokenTable, messages: &[Message]) -> Result<(Vec<f32>, Spectrum), EngineError> {
     let (tower, tokens) = (clip.text()?, table.num_bits() + 2);
+    let width = clip.config().projection_dim;
     let embed = |messages: &[Message]| {
-        let mut sequences = Vec::with_capacity(messages.len() * tokens);
+        // Short messages are drawn again and again: 8 bits have 256 of them.
+        let (mut seen, mut sequences) = (std::collections::HashMap::new(), Vec::new());
         for message in messages {
-            sequences.extend(table.sequence(message)?);
+            if !seen.contains_key(message) {
+                seen.insert(*message, seen.len());
+                sequences.extend(table.sequence(message)?);
+            }
         }
-        Ok::<_, EngineError>(tower.embed(&sequences, tokens)?.features)
+        let distinct = tower.embed(&sequences, tokens)?.features;
+        let row = |message: &Message| &distinct[seen[message] * width..][..width];
+        Ok::<_, EngineError>(messages.iter().flat_map(row).copied().collect::<Vec<f32>>())
     };
     let (first, rest) = messages.split_at(capacity::SPECTRUM_ROWS);
     let mut features = embed(first)?;
-    let spectrum = capacity::spectrum(&features, clip.config().projection_dim, clip.path())?;
+    let spectrum = capacity::spectrum(&features, width, clip.path())?;
     capacity::check_spectrum(&spectrum, table.num_bits(), clip.path())?;
     features.extend(embed(rest)?);
     Ok((features, spectrum))
