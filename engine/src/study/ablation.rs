@@ -3,8 +3,9 @@
 use super::chart::{Axis, Chart, Series};
 use super::methods::{PAPER_ARM, against_psnr, guard4d, point};
 use super::plan::{Arm, DEFAULT_BITS, Scale};
-use super::report::{Report, Table};
+use super::report::Report;
 use super::summary::{self, Column, Figure, Findings};
+use super::table::Table;
 use crate::watermark::embed::{ControlClips, EmbedConfig};
 
 /// What the paper prints: bit accuracy in percent and PSNR in dB (Table 3; its ticks read with its prose, which is the only way

@@ -3,8 +3,9 @@
 use super::chart::{Axis, Chart, Series};
 use super::methods::point;
 use super::plan::{Arm, DEFAULT_BITS, Scale};
-use super::report::{Report, Table};
+use super::report::Report;
 use super::summary::{self, Column, Findings};
+use super::table::Table;
 use crate::watermark::embed::EmbedConfig;
 use crate::watermark::gate::Gate;
 

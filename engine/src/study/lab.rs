@@ -8,7 +8,7 @@ use std::time::Instant;
 use cpu_time::ProcessTime;
 use guard4d_kernels::{Device, KernelError};
 
-use super::plan::{Arm, Cell, Take};
+use super::plan::{Arm, Cell, Machine, Take};
 use super::row::{Effort, Row, in_words};
 use super::scene::{self, ORBIT_ELEVATION_DEG, Scene, SceneSource};
 use super::{Step, Watcher};
@@ -49,15 +49,6 @@ pub(super) struct Lab<'a> {
     machine: Machine,
     /// Clips of unmarked scenes by name and side, for the others.
     elsewhere: HashMap<(String, u32), Vec<Vec<Frame>>>,
-}
-
-/// Where a study runs.
-#[derive(Clone, Debug)]
-pub struct Machine {
-    /// Device and driver.
-    pub device: String,
-    /// Hash of the CLIP checkpoint.
-    pub clip: String,
 }
 
 /// An embedding with what it is read with.

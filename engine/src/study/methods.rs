@@ -2,8 +2,9 @@
 
 use super::chart::{Axis, Chart, Point, Series};
 use super::plan::{Arm, DEFAULT_BITS, Scale};
-use super::report::{Report, Table};
+use super::report::Report;
 use super::summary::{self, Column, Figure, Findings, Group};
+use super::table::Table;
 use crate::watermark::embed::Profile;
 use crate::watermark::evidence::ExtractorMode;
 

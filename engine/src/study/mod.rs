@@ -21,18 +21,20 @@ mod scene;
 mod stability;
 mod summary;
 pub mod svg;
+mod table;
 
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
 pub use chart::{Axis, Chart, Point, Series};
-pub use lab::{Machine, OpenDevice};
+pub use lab::OpenDevice;
 pub use ledger::Ledger;
-pub use plan::{Arm, Cell, Scale, Take};
-pub use report::{Report, Table};
+pub use plan::{Arm, Cell, Machine, Scale, Take};
+pub use report::Report;
 pub use row::Row;
 pub use scene::{SceneSource, Variant};
+pub use table::Table;
 
 use crate::clip::ClipSource;
 use crate::error::EngineError;

@@ -9,7 +9,6 @@ use crate::watermark::digest::Digest;
 use crate::watermark::embed::{EmbedConfig, LpipsTerm, Profile};
 use crate::watermark::evidence::ExtractorMode;
 
-use super::lab::Machine;
 use super::scene::{SceneSource, Variant};
 
 /// Hexadecimal digits that name an embedding.
@@ -94,6 +93,15 @@ impl Arm {
 
 /// Message bits of most arms, the paper's.
 pub(super) const DEFAULT_BITS: u32 = 16;
+
+/// Where a study runs.
+#[derive(Clone, Debug)]
+pub struct Machine {
+    /// Device and driver.
+    pub device: String,
+    /// Hash of the CLIP checkpoint.
+    pub clip: String,
+}
 
 /// An arm on a scene with a seed, which its settings hold.
 #[derive(Clone, Debug)]

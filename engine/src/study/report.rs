@@ -1,6 +1,5 @@
 //! What people read of a study: one page, one picture, and the figures as CSV and JSON.
 
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -9,21 +8,9 @@ use super::chart::Chart;
 use super::row::Row;
 use super::summary::{Findings, Found};
 use super::svg::escaped;
+use super::table::Table;
 use crate::error::EngineError;
 use crate::output::{AtomicFile, Existing};
-
-/// A table of words.
-#[derive(Clone, Debug, Serialize)]
-pub struct Table {
-    /// Heading.
-    pub title: String,
-    /// What its columns mean.
-    pub note: String,
-    /// Names of the columns.
-    pub head: Vec<String>,
-    /// Cells, line by line.
-    pub rows: Vec<Vec<String>>,
-}
 
 /// All that is said of a sub-study.
 #[derive(Clone, Debug, Serialize)]
@@ -112,21 +99,6 @@ impl Report {
         self.tables.iter().for_each(|table| table.html(&mut out));
         out.push_str("</body></html>\n");
         out
-    }
-}
-
-impl Table {
-    fn html(&self, out: &mut String) {
-        let cells = |tag: &str, cells: &[String]| -> String {
-            cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", escaped(cell))).collect()
-        };
-        let (title, note) = (escaped(&self.title), escaped(&self.note));
-        write!(out, "<h2>{title}</h2>\n<p>{note}</p>\n<table>\n<tr>{}</tr>\n", cells("th", &self.head))
-            .expect("a string takes any text");
-        for row in &self.rows {
-            writeln!(out, "<tr>{}</tr>", cells("td", row)).expect("a string takes any text");
-        }
-        out.push_str("</table>\n");
     }
 }
 

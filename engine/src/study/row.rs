@@ -2,8 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::lab::Machine;
-use super::plan::Cell;
+use super::plan::{Cell, Machine};
 use crate::error::EngineError;
 use crate::watermark::cross_examination::CrossExamination;
 use crate::watermark::embed::EmbedConfig;

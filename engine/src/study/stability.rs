@@ -3,10 +3,11 @@
 use super::chart::{Axis, Chart, Series};
 use super::methods::{point, with_bits};
 use super::plan::{Arm, Scale, Take};
-use super::report::{Report, Table};
+use super::report::Report;
 use super::row::Row;
 use super::scene::Variant;
 use super::summary::{self, Column, Findings, Found, Group};
+use super::table::Table;
 use crate::watermark::gate::Gate;
 
 /// Scenes that are hard in one way each.

@@ -1,10 +1,9 @@
 //! Rows put together: the same arm and take over scenes and seeds.
 
-use super::Machine;
 use super::ledger::Ledger;
-use super::plan::Cell;
-use super::report::Table;
+use super::plan::{Cell, Machine};
 use super::row::Row;
+use super::table::Table;
 
 /// What a sub-study has measured so far.
 pub(super) struct Findings {
