@@ -1,5 +1,7 @@
 //! Seconds against accuracy and fidelity: one setting changed at a time, and the front of what no other setting beats.
 
+use std::sync::Arc;
+
 use super::chart::{Axis, Chart, Series};
 use super::fit;
 use super::methods::{guard4d, point, with_bits};
@@ -8,7 +10,7 @@ use super::report::Report;
 use super::summary::{self, Column, Findings, Group};
 use crate::clip::Precision;
 use crate::render::OffsetBases;
-use crate::watermark::embed::{EmbedConfig, Profile};
+use crate::watermark::embed::{EmbedConfig, LpipsTerm, Profile};
 use crate::watermark::evidence::ExtractorMode;
 
 /// The arm that the program takes unless told otherwise.
@@ -24,6 +26,8 @@ const CONTROL_EVERY: [u32; 2] = [2, 4];
 /// Bits of the message beside the default's.
 const LENGTHS: [u32; 2] = [32, 48];
 
+/// Steps from one comparison by LPIPS to the next, with a network for it.
+const LPIPS_EVERY: [u32; 2] = [1, 4];
 /// Share of the light that the splats with offsets carry, where not all have offsets.
 const REACH: f32 = 0.9;
 /// Power of its light in a splat's rate, where rates differ.
@@ -55,6 +59,12 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
     let steps: &[(usize, usize)] = if scale.quick { &STEPS[..2] } else { &STEPS };
     arms.extend(steps.iter().map(|&(times, over)| {
         with(format!("steps x{times}/{over}"), &|config| config.steps = (config.steps * times / over).max(1))
+    }));
+    arms.extend(scale.lpips.iter().flat_map(|weights| {
+        LPIPS_EVERY.map(|every| {
+            let term = LpipsTerm { every, ..LpipsTerm::of_the_paper(Arc::clone(weights)) };
+            with(format!("LPIPS every {every} steps"), &|config| config.lpips = Some(term.clone()))
+        })
     }));
     if scale.quick {
         return arms;
@@ -105,7 +115,7 @@ fn is_comparable(group: &Group<'_>) -> bool {
     group.rows.iter().all(|row| row.p_value.is_some() && row.bits == DEFAULT_BITS)
 }
 
-const COLUMNS: [Column; 13] = [
+const COLUMNS: [Column; 14] = [
     summary::ARM,
     summary::ROWS,
     summary::SECONDS,
@@ -115,6 +125,7 @@ const COLUMNS: [Column; 13] = [
     summary::MARKED,
     summary::PSNR,
     summary::SSIM,
+    summary::LPIPS,
     summary::CLEAN,
     summary::P_VALUE,
     summary::PEAK,
