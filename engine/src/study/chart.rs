@@ -12,6 +12,9 @@ const MARGIN: (f64, f64, f64, f64) = (64.0, 30.0, 280.0, 92.0);
 /// About so many grid lines on an axis.
 const GRID_LINES: f64 = 7.0;
 const LEGEND_LINE: f64 = 17.0;
+/// Radii of points in the chart and in the legend.
+const DOT: &str = "3.5";
+const LEGEND_DOT: &str = "4.5";
 /// Okabe and Ito's colours, which the colour-blind can tell apart.
 const COLOURS: [&str; 7] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"];
 
@@ -170,7 +173,7 @@ impl Chart {
                 ),
             );
         }
-        text(out, (f64::midpoint(left, right), SIZE.1 - 8.0), "middle", &self.x.name);
+        text(out, (f64::midpoint(left, right), bottom + 38.0), "middle", &self.x.name);
         let (middle, name) = (f64::midpoint(top, bottom), super::svg::escaped(&self.y.name));
         line(
             out,
@@ -182,6 +185,13 @@ impl Chart {
 /// Line, ranges, points, and the entry in the legend.
 fn draw(out: &mut String, (x, y): (&Span, &Span), number: usize, series: &Series) {
     let colour = COLOURS[number % COLOURS.len()];
+    // When the colours are used up they come again as rings.
+    let fill = if (number / COLOURS.len()).is_multiple_of(2) { colour } else { "white" };
+    let dot = |(x, y): (f64, f64), size: &str| {
+        format!(
+            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{size}\" fill=\"{fill}\" stroke=\"{colour}\" stroke-width=\"2\"/>"
+        )
+    };
     let shown: Vec<&Point> = series.points.iter().filter(|p| p.x.is_finite() && p.y.is_finite()).collect();
     if series.joined {
         let path: Vec<String> = shown.iter().map(|p| format!("{:.1},{:.1}", x.at(p.x), y.at(p.y))).collect();
@@ -191,11 +201,11 @@ fn draw(out: &mut String, (x, y): (&Span, &Span), number: usize, series: &Series
         let (at, mean) = (x.at(point.x), y.at(point.y));
         let (low, high) = (y.at(point.range.0), y.at(point.range.1));
         line(out, &format!("<path d=\"M{at:.1} {low:.1}V{high:.1}\" stroke=\"{colour}\" stroke-opacity=\"0.5\"/>"));
-        line(out, &format!("<circle cx=\"{at:.1}\" cy=\"{mean:.1}\" r=\"4\" fill=\"{colour}\"/>"));
+        line(out, &dot((at, mean), DOT));
         text(out, (at + 6.0, mean - 5.0), "start", &point.label);
     }
     let (left, top) = (SIZE.0 - MARGIN.2 + 12.0, MARGIN.1 + 12.0 + number as f64 * LEGEND_LINE);
-    line(out, &format!("<circle cx=\"{left}\" cy=\"{}\" r=\"5\" fill=\"{colour}\"/>", top - 4.0));
+    line(out, &dot((left, top - 4.0), LEGEND_DOT));
     text(out, (left + 12.0, top), "start", &series.name);
 }
 
@@ -216,7 +226,7 @@ mod tests {
         let name = "one".to_owned();
         chart.series.push(Series { name, points: vec![point.clone(), Point { y: 0.5, ..point }], joined: true });
         let svg = chart.svg();
-        assert_eq!(svg.matches("r=\"4\"").count(), 1, "what is not a number is not drawn");
+        assert_eq!(svg.matches(&format!("r=\"{DOT}\"")).count(), 1, "what is not a number is not drawn");
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
     }
 

@@ -178,17 +178,17 @@ pub(super) fn point(group: &Group<'_>, x: f64, figure: Figure, label: String) ->
 
 /// Each arm at its fidelity, beside what the paper prints of it.
 pub(super) fn against_psnr(title: &str, findings: &Findings) -> Chart {
-    let mut series = Vec::new();
+    let (mut series, mut printed) = (Vec::new(), Vec::new());
     for group in findings.groups() {
         let Some(psnr) = group.mean(|r| r.psnr_db) else { continue };
         let points = point(&group, psnr, |r| r.marked, String::new()).into_iter().collect();
         series.push(Series { name: group.arm.to_owned(), points, joined: false });
         if let Some(line) = PRINTED.iter().find(|line| line.arm == group.arm) {
             let [bits, psnr, ..] = line.d_nerf;
-            let point = Point { x: psnr, y: bits, range: (bits, bits), label: "paper".to_owned() };
-            series.push(Series { name: format!("{}, as printed", group.arm), points: vec![point], joined: false });
+            printed.push(Point { x: psnr, y: bits, range: (bits, bits), label: line.arm.to_owned() });
         }
     }
+    series.push(Series { name: "the paper, D-NeRF".to_owned(), points: printed, joined: false });
     let (x, y) = (Axis::linear("PSNR, dB"), Axis::linear("bits right, %"));
     Chart { title: title.to_owned(), x, y, series }
 }
