@@ -100,7 +100,7 @@ fn id_rows(id: &IdEvidence) -> Vec<Row> {
     let ahead = format!("{:.3} a bit; {} is next, {:.3} behind", id.found.score, id.found.runner_up, id.margin);
     let p = match id.p_value {
         Some(SearchedP { matches, soft_score, searched }) => {
-            format!("{matches:.2e} at most, as the best of {searched} ({soft_score:.2e} of the soft score)")
+            format!("{soft_score:.2e} at most, as the best of {searched} ({matches:.2e} of the matches)")
         }
         None => "none: the extractor was trained with the message".to_owned(),
     };
@@ -127,10 +127,10 @@ fn yes_or_no(answer: bool) -> &'static str {
 fn p_in_words(p: &PStatement) -> String {
     match p {
         PStatement::Exact { matches, soft_score } => {
-            format!("{matches:.2e} exact, of the matches ({soft_score:.2e} of the soft score)")
+            format!("{soft_score:.2e} exact, of the soft score ({matches:.2e} of the matches)")
         }
         PStatement::Searched(SearchedP { matches, soft_score, searched }) => {
-            format!("{matches:.2e} at most, of the best of {searched} messages ({soft_score:.2e} of the soft score)")
+            format!("{soft_score:.2e} at most, of the best of {searched} messages ({matches:.2e} of the matches)")
         }
         PStatement::Empirical { false_positives, num_clips, bound } => {
             format!("none; {false_positives} of {num_clips} unrelated clips read as well, rate at most {bound:.3}")

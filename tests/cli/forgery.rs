@@ -134,7 +134,7 @@ fn a_receipt_cannot_make_itself_an_easier_rule() {
     let folder = scandal.put("preprocess", &scandal.forged, Promise { preprocess, ..promised.clone() });
     scandal.verify(&folder, &[]).refused(65, &["receipt.json: preprocess: crop to what suits", "antialiased"]);
     // The other exact test, asked for beforehand, is no easier.
-    let thresholds = Thresholds { statistic: DecisionStatistic::SoftScore, fpr: rule.fpr / 2.0, ..rule };
+    let thresholds = Thresholds { statistic: DecisionStatistic::Matches, fpr: rule.fpr / 2.0, ..rule };
     let folder = scandal.put("strict", &scandal.forged, Promise { thresholds, ..promised });
     assert_eq!(scandal.verify(&folder, &[]).code, 4, "read, and not believed");
 }

@@ -116,6 +116,20 @@ fn fold_is_the_affine_map_followed_by_the_decoder() {
 }
 
 #[test]
+fn clips_that_are_all_alike_can_be_told_from_marked_ones() {
+    let (content, responses) = features(10);
+    let alike: Vec<f32> = content[..WIDTH].repeat(FRAMES);
+    let map = fit(&alike, &responses, BITS).expect("a scene without anything in it");
+    let unmarked = projected(&map, &alike[..WIDTH]);
+    // The mean is rounded to f32, and the directions are large where nothing else sets their scale.
+    assert!(unmarked.iter().all(|z| z.abs() < 1e-2), "where unmarked clips are: {unmarked:?}");
+    let moved: Vec<f32> = alike[..WIDTH].iter().zip(&responses).map(|(f, r)| f + r).collect();
+    let along = projected(&map, &moved);
+    let rms = (along.iter().map(|z| z * z).sum::<f64>() / BITS as f64).sqrt();
+    assert!(rms > CONTENT_LEVEL, "what an offset field does stands out: {rms}");
+}
+
+#[test]
 fn poison_and_scarcity_are_refused() {
     let (content, responses) = features(8);
     for poison in [f32::NAN, f32::INFINITY] {

@@ -275,8 +275,8 @@ fn soft_score_uses_what_the_bits_are_worth() {
     let signed = |(i, bit): (usize, bool)| if i < 8 { 0.05 } else { 2.0 } * if bit == (i >= 8) { 1.0 } else { -1.0 };
     let row: Vec<f32> = message.bits().enumerate().map(signed).collect();
     let reading = Reading::from_logits(&row.repeat(8), 32).expect("finite");
-    let by_count = Thresholds::default();
-    let by_score = Thresholds { statistic: DecisionStatistic::SoftScore, ..by_count };
+    let by_score = Thresholds::default();
+    let by_count = Thresholds { statistic: DecisionStatistic::Matches, ..by_score };
     assert_ne!(verify(&message, ExtractorMode::None, &reading, &[], &by_count).verdict, Verdict::Present);
     assert_eq!(verify(&message, ExtractorMode::None, &reading, &[], &by_score).verdict, Verdict::Present);
 }

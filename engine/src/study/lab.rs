@@ -1,8 +1,8 @@
 //! Embeds and reads: what turns a cell into rows.
 
 use std::collections::HashMap;
-use std::collections::hash_map::Entry;
 use std::path::PathBuf;
+use std::rc::Rc;
 use std::time::Instant;
 
 use cpu_time::ProcessTime;
@@ -10,7 +10,7 @@ use guard4d_kernels::{Device, KernelError};
 
 use super::plan::{Arm, Cell, Machine, Take};
 use super::row::{Effort, Row, in_words};
-use super::scene::{self, ORBIT_ELEVATION_DEG, Scene, SceneSource};
+use super::scene::{self, ORBIT_ELEVATION_DEG, Scene, SceneSource, Variant};
 use super::{Step, Watcher};
 use crate::clip::{Clip, ClipSource};
 use crate::distortion::Attack;
@@ -37,9 +37,6 @@ use crate::watermark::prf::MasterSecret;
 /// Opens a device: each embedding has one of its own, so that its memory is its own.
 pub type OpenDevice<'a> = &'a dyn Fn() -> Result<Device, EngineError>;
 
-/// A scene's name and clips.
-type Unmarked = (String, Vec<Vec<Frame>>);
-
 /// What measures.
 pub(super) struct Lab<'a> {
     open: OpenDevice<'a>,
@@ -47,8 +44,8 @@ pub(super) struct Lab<'a> {
     keys: PathBuf,
     sources: Vec<SceneSource>,
     machine: Machine,
-    /// Clips of unmarked scenes by name and side, for the others.
-    elsewhere: HashMap<(String, u32), Vec<Vec<Frame>>>,
+    /// Scenes as they were filmed once, by all that decides it.
+    filmed: HashMap<String, Rc<Scene>>,
 }
 
 /// An embedding with what it is read with.
@@ -72,7 +69,7 @@ impl<'a> Lab<'a> {
         let loaded = Clip::load(&device, &clip)?;
         let machine =
             Machine { device: format!("{}; {}", info.name, info.driver), clip: digest_of(&loaded).to_string() };
-        Ok(Self { open, clip, keys, sources: sources.to_vec(), machine, elsewhere: HashMap::new() })
+        Ok(Self { open, clip, keys, sources: sources.to_vec(), machine, filmed: HashMap::new() })
     }
 
     pub(super) fn machine(&self) -> &Machine {
@@ -107,7 +104,7 @@ impl<'a> Lab<'a> {
         // The next seed's key serves as the stranger's, so that seeds in a row serve one another.
         let stranger = self.key(&device, &clip, (seed.wrapping_add(1), arm.bits))?;
         let size = ImageSize::new(arm.config.size_px.0, arm.config.size_px.1)?;
-        let scene = Scene::open(&device, &cell.scene, (arm.variant, size, arm.config.radius))?;
+        let scene = self.scene(&device, &cell.scene, (arm.variant, size, arm.config.radius))?;
         let elsewhere = self.other_scenes(&device, &cell.scene, arm)?;
         let message = key.own_message();
         let subject = Subject { device: &device, clip: &clip, key: &key, model: &scene.model, message: &message };
@@ -126,7 +123,7 @@ impl<'a> Lab<'a> {
             cpu_s,
             peak_bytes: device.memory_use().peak_reserved_bytes,
         };
-        let others: Vec<_> = elsewhere.iter().map(|(name, clips)| OtherScene { name, clips }).collect();
+        let others: Vec<_> = elsewhere.iter().map(|(name, other)| OtherScene { name, clips: &other.clean }).collect();
         let untrained = (arm.config.mode == ExtractorMode::Joint).then_some(&fitted);
         let witnesses = Witnesses { scenes: &others, stranger: &stranger, untrained };
         let marked = Marked { subject, scene: &scene, arm, embedded: &embedded };
@@ -142,12 +139,12 @@ impl<'a> Lab<'a> {
     }
 
     /// Room for all but half of the training clips.
-    fn tight_budget(&self, cell: &Cell) -> Result<u64, EngineError> {
+    fn tight_budget(&mut self, cell: &Cell) -> Result<u64, EngineError> {
         let (arm, device) = (&cell.arm, (self.open)()?);
         let clip = Clip::load(&device, &self.clip)?.in_precision(arm.precision);
         let key = self.key(&device, &clip, (u8::try_from(arm.config.seed).unwrap_or(u8::MAX), arm.bits))?;
         let size = ImageSize::new(arm.config.size_px.0, arm.config.size_px.1)?;
-        let scene = Scene::open(&device, &cell.scene, (arm.variant, size, arm.config.radius))?;
+        let scene = self.scene(&device, &cell.scene, (arm.variant, size, arm.config.radius))?;
         let message = key.own_message();
         let subject = Subject { device: &device, clip: &clip, key: &key, model: &scene.model, message: &message };
         let estimate = Estimate::of(subject, &arm.config)?;
@@ -167,23 +164,33 @@ impl<'a> Lab<'a> {
         Ok(key)
     }
 
-    /// Unmarked clips of the study's other scenes.
-    fn other_scenes(&mut self, device: &Device, marked: &SceneSource, arm: &Arm) -> Result<Vec<Unmarked>, EngineError> {
-        let (side, radius) = (arm.config.size_px.0, arm.config.radius);
-        let size = ImageSize::new(side, side)?;
-        let mut others = Vec::new();
-        for source in self.sources.iter().filter(|source| *source != marked) {
-            let name = source.to_string();
-            let clips = match self.elsewhere.entry((name.clone(), side)) {
-                Entry::Occupied(entry) => entry.into_mut(),
-                Entry::Vacant(entry) => {
-                    entry.insert(Scene::open(device, source, (scene::Variant::AsIs, size, radius))?.clean)
-                }
-            }
-            .clone();
-            others.push((name, clips));
+    /// A scene, loaded, varied and filmed when it is asked for first.
+    fn scene(
+        &mut self,
+        device: &Device,
+        source: &SceneSource,
+        how: (Variant, ImageSize, f64),
+    ) -> Result<Rc<Scene>, EngineError> {
+        let name = format!("{source:?} {how:?}");
+        if let Some(scene) = self.filmed.get(&name) {
+            return Ok(Rc::clone(scene));
         }
-        Ok(others)
+        let scene = Rc::new(Scene::open(device, source, how)?);
+        self.filmed.insert(name, Rc::clone(&scene));
+        Ok(scene)
+    }
+
+    /// The study's other scenes, by name, as training sees this one.
+    fn other_scenes(
+        &mut self,
+        device: &Device,
+        marked: &SceneSource,
+        arm: &Arm,
+    ) -> Result<Vec<(String, Rc<Scene>)>, EngineError> {
+        let side = arm.config.size_px.0;
+        let how = (Variant::AsIs, ImageSize::new(side, side)?, arm.config.radius);
+        let others: Vec<_> = self.sources.iter().filter(|source| *source != marked).cloned().collect();
+        others.into_iter().map(|source| Ok((source.to_string(), self.scene(device, &source, how)?))).collect()
     }
 }
 

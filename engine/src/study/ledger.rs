@@ -34,14 +34,19 @@ impl Ledger {
             got: what,
             expected: "the columns of this version, or another --out".to_owned(),
         };
+        let head = Row::head()?;
+        // A line that lacks a column still makes a row, and the next one to be added would not fit it.
+        if let Some(first) = whole.split_inclusive('\n').next().filter(|first| **first != head) {
+            return Err(bad(first.trim_end().to_owned()));
+        }
         let mut reader = csv::Reader::from_reader(whole.as_bytes());
         let rows = reader.deserialize().collect::<Result<Vec<Row>, _>>().map_err(|error| bad(error.to_string()))?;
         if whole.is_empty() || whole.len() != text.len() {
-            let head = if whole.is_empty() { Row::head()? } else { whole.to_owned() };
+            let kept = if whole.is_empty() { head } else { whole.to_owned() };
             if let Some(folder) = path.parent() {
                 fs::create_dir_all(folder).map_err(io)?;
             }
-            AtomicFile::write(path, Existing::Replace, head.as_bytes())?;
+            AtomicFile::write(path, Existing::Replace, kept.as_bytes())?;
         }
         Ok(Self { path: path.to_owned(), rows })
     }

@@ -138,7 +138,7 @@ pub(super) fn report2(findings: &Findings) -> Report {
     }
 }
 
-const COLUMNS: [Column; 15] = [
+const COLUMNS: [Column; 16] = [
     summary::ARM,
     summary::ROWS,
     summary::MARKED,
@@ -150,6 +150,7 @@ const COLUMNS: [Column; 15] = [
     summary::CLEAN,
     summary::NOISY,
     summary::P_VALUE,
+    summary::P_MATCHES,
     summary::PRESENT,
     summary::SECONDS,
     summary::CPU_SECONDS,

@@ -8,6 +8,7 @@ use crate::watermark::cross_examination::CrossExamination;
 use crate::watermark::embed::EmbedConfig;
 use crate::watermark::evaluate::Evaluation;
 use crate::watermark::evidence::{PStatement, Verdict};
+use crate::watermark::id_code::SearchedP;
 use crate::watermark::null_panel::{ControlState, Leak};
 
 /// One reading of one embedding. All shares are of bits, from 0 to 1; empty is what was not measured.
@@ -73,6 +74,8 @@ pub struct Row {
     pub lpips: Option<f64>,
     /// Exact p-value of all clips together, from their matching bits; empty for `joint`, which has none.
     pub p_value: Option<f64>,
+    /// The same from the soft score, by which `verify` decides.
+    pub p_soft: Option<f64>,
     /// What `verify` would say of all clips together.
     pub verdict: String,
     /// The message's bits in unmarked clips of other scenes.
@@ -194,12 +197,15 @@ impl Row {
 
     /// Adds what witnesses said.
     pub(super) fn examined(self, x: &CrossExamination) -> Self {
+        let (p_value, p_soft) = match &x.evidence.p_value {
+            PStatement::Exact { matches, soft_score } | PStatement::Searched(SearchedP { matches, soft_score, .. }) => {
+                (Some(*matches), Some(*soft_score))
+            }
+            PStatement::Empirical { .. } => (None, None),
+        };
         Self {
-            p_value: match &x.evidence.p_value {
-                PStatement::Exact { matches, .. } => Some(*matches),
-                PStatement::Searched(p) => Some(p.matches),
-                PStatement::Empirical { .. } => None,
-            },
+            p_value,
+            p_soft,
             verdict: in_words(x.evidence.verdict),
             other_scenes: x.other_scenes.as_ref().map(Leak::share),
             other_scenes_in_band: x.other_scenes.as_ref().map(|leak| leak.state == ControlState::Quiet),

@@ -119,9 +119,9 @@ impl Group<'_> {
         format!("{} ({} of {} in band)", self.percent(figure), flags.iter().filter(|f| **f).count(), flags.len())
     }
 
-    /// The worst p-value.
-    pub(super) fn worst_p(&self) -> String {
-        let worst = self.values(|row| row.p_value).into_iter().reduce(f64::max);
+    /// The worst p-value by some test.
+    pub(super) fn worst_p(&self, figure: Figure) -> String {
+        let worst = self.values(figure).into_iter().reduce(f64::max);
         worst.map_or_else(|| "none".to_owned(), |p| format!("{p:.1e}"))
     }
 
@@ -166,7 +166,8 @@ pub(super) const LPIPS: Column = ("LPIPS", |g| g.decimals(|r| r.lpips, 4));
 pub(super) const CLEAN: Column = ("clean clips, %", |g| g.control(|r| r.clean, |r| r.clean_in_band));
 pub(super) const NOISY: Column = ("noisy clips, %", |g| g.control(|r| r.noisy, |r| r.noisy_in_band));
 pub(super) const OTHERS: Column = ("other scenes, %", |g| g.control(|r| r.other_scenes, |r| r.other_scenes_in_band));
-pub(super) const P_VALUE: Column = ("worst p-value", |g| g.worst_p());
+pub(super) const P_VALUE: Column = ("worst p-value", |g| g.worst_p(|r| r.p_soft));
+pub(super) const P_MATCHES: Column = ("worst p-value of the matches", |g| g.worst_p(|r| r.p_value));
 pub(super) const PRESENT: Column = ("verify: present", |g| g.present());
 pub(super) const SECONDS: Column = ("seconds", |g| g.decimals(|r| r.wall_s, 1));
 pub(super) const CPU_SECONDS: Column = ("CPU seconds", |g| g.decimals(|r| r.cpu_s, 1));
@@ -196,6 +197,6 @@ mod tests {
         assert_eq!(group.percent_range(|r| r.marked), "75.0 (50.0 to 100.0)", "what was measured");
         assert_eq!(group.percent_range(|r| r.clean), "", "what was not");
         assert_eq!(group.present(), "1 of 3", "verdicts");
-        assert_eq!(group.worst_p(), "none", "no p-value is no p-value of 0");
+        assert_eq!(group.worst_p(|r| r.p_value), "none", "no p-value is no p-value of 0");
     }
 }

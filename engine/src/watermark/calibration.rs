@@ -15,6 +15,9 @@ use crate::tensor_file::{Tensor, TensorFile};
 
 /// Ridge on the content covariance, as a share of its mean eigenvalue: few clips must not look like certainty.
 const RIDGE: f64 = 0.05;
+/// Least variance that content counts as having, as a share of what random offsets cause: a scene whose unmarked clips are all
+/// alike (all white, say) can be read too.
+const LEAST_CONTENT: f64 = 1e-3;
 /// Content's standard deviation along each bit, where ±1 is the text feature of a written bit.
 pub const CONTENT_LEVEL: f64 = 0.35;
 
@@ -60,15 +63,20 @@ impl Calibration {
         if data.content.iter().chain(data.responses).any(|v| !v.is_finite()) {
             return Err(not_finite("image features for the calibration"));
         }
+        if data.content.is_empty() {
+            return Err(not_finite("image features of no unmarked clip at all"));
+        }
         let content = rows(data.content, width);
         let mean = content.row_mean();
         let centred = DMatrix::from_fn(content.nrows(), width, |i, j| content[(i, j)] - mean[j]);
         let mut noise = centred.tr_mul(&centred) / content.nrows().max(1) as f64;
-        let ridge = RIDGE * noise.trace() / width as f64;
+        let responses = rows(data.responses, width);
+        let caused = responses.norm_squared() / responses.nrows().max(1) as f64;
+        let least = RIDGE * LEAST_CONTENT * caused / width as f64;
+        let ridge = least.max(RIDGE * noise.trace() / width as f64);
         for i in 0..width {
             noise[(i, i)] += ridge;
         }
-        let responses = rows(data.responses, width);
         let cholesky = noise.cholesky().ok_or_else(|| not_finite("image features of the unmarked clips"))?;
         // With the content whitened (w = L⁻¹ r), the problem is the responses' own Gram matrix.
         let whitened =
@@ -90,7 +98,8 @@ impl Calibration {
         }
         let mixed = directions * random_rotation(bits, rng);
         let projected = &centred * &mixed;
-        let level = (projected.norm_squared() / projected.len().max(1) as f64).sqrt();
+        let shown = projected.norm_squared() / projected.len().max(1) as f64;
+        let level = shown.max(least * mixed.norm_squared() / bits.max(1) as f64).sqrt();
         let scaled = mixed * (CONTENT_LEVEL / level);
         if scaled.iter().any(|v| !v.is_finite()) {
             return Err(not_finite("calibrated directions"));

@@ -47,9 +47,9 @@ impl fmt::Display for ExtractorMode {
 #[serde(rename_all = "snake_case")]
 pub enum DecisionStatistic {
     /// Number of matching bits.
-    #[default]
     Matches,
     /// Sum of logits signed by the message; stronger when bits differ in reliability.
+    #[default]
     SoftScore,
 }
 
@@ -77,7 +77,7 @@ impl Default for Thresholds {
     fn default() -> Self {
         Self {
             fpr: 1e-6,
-            statistic: DecisionStatistic::Matches,
+            statistic: DecisionStatistic::default(),
             num_claims: 1,
             min_frames: 8,
             min_side_px: 64,
