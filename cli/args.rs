@@ -312,6 +312,9 @@ pub(crate) struct SpreadArgs {
     /// Change splats the faster the more of the light is theirs, by this power (-2 to 2) of it; 0 all alike
     #[arg(long, value_name = "POWER", allow_negative_numbers = true)]
     pub(crate) visibility: Option<f32>,
+    /// Share of the mean over its eight nearest splats in what each splat follows, 0 (none) to 1: a smoother mark
+    #[arg(long, value_name = "SHARE")]
+    pub(crate) smooth: Option<f32>,
 }
 
 #[derive(Args, Debug)]

@@ -229,6 +229,7 @@ fn config(args: &EmbedArgs, (gate, bits): (&Gate, usize)) -> Result<EmbedConfig,
     aim(&args.objective, &mut config);
     config.reach = args.spread.reach.unwrap_or(config.reach);
     config.visibility = args.spread.visibility.unwrap_or(config.visibility);
+    config.smooth = args.spread.smooth.unwrap_or(config.smooth);
     config.lpips = lpips(&args.lpips)?;
     Ok(match args.fit {
         #[allow(clippy::cast_possible_truncation, reason = "a share from 0 to 1")]

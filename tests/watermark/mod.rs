@@ -14,6 +14,7 @@ mod metrics;
 mod other_owners;
 mod prf;
 pub(crate) mod receipt;
+mod smoothing;
 mod spread;
 mod statistics;
 mod tmsd;

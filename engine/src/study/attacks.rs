@@ -2,6 +2,7 @@
 
 use super::chart::{Axis, Chart, Series};
 use super::methods::point;
+use super::pareto::SMOOTH;
 use super::plan::{Arm, Scale, Take};
 use super::report::Report;
 use super::summary::{self, Column, Findings};
@@ -42,7 +43,8 @@ fn distortions(list: &[(Kind, f64)]) -> Vec<Distortion> {
     list.iter().map(|&(kind, strength)| Distortion::new(kind, strength).expect("strengths of the table")).collect()
 }
 
-/// Every sound extractor, and the paper's, with and without training on distortions.
+/// Every sound extractor, and the paper's, with and without training on distortions; and a mark without the high spatial
+/// frequencies that compression takes first.
 pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
     let takes: Vec<Take> = std::iter::once(Take::Plain)
         .chain(distortions(&DISTORTIONS).into_iter().map(Take::Distorted))
@@ -63,7 +65,10 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
             arm(format!("{mode}, trained on distortions"), mode, distortions(&TRAINED)),
         ]
     };
-    modes.iter().flat_map(both).collect()
+    let mut smooth =
+        arm(format!("{}, smoothed over neighbours", ExtractorMode::Blind), ExtractorMode::Blind, Vec::new());
+    smooth.config.smooth = SMOOTH;
+    modes.iter().flat_map(both).chain([smooth]).collect()
 }
 
 const COLUMNS: [Column; 9] = [

@@ -32,6 +32,8 @@ const LPIPS_EVERY: [u32; 2] = [1, 4];
 const REACH: f32 = 0.9;
 /// Power of its light in a splat's rate, where rates differ.
 const VISIBILITY: f32 = 0.5;
+/// Share of its neighbours in what a splat follows, where gradients are smoothed.
+pub(super) const SMOOTH: f32 = 0.5;
 
 /// The default, and every setting around it.
 pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
@@ -54,6 +56,7 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
         with("cross-entropy instead of a margin".to_owned(), &|config| config.margin = 0.0),
         with(format!("splats with {REACH} of the light"), &|config| config.reach = REACH),
         with(format!("rates by light^{VISIBILITY}"), &|config| config.visibility = VISIBILITY),
+        with("gradients smoothed over neighbours".to_owned(), &|config| config.smooth = SMOOTH),
         with("half of the clips".to_owned(), &|config| config.views = (config.views / 2).max(1)),
     ];
     let steps: &[(usize, usize)] = if scale.quick { &STEPS[..2] } else { &STEPS };

@@ -261,6 +261,10 @@ pub struct EmbedConfig {
     /// that show move faster than those that hardly do. 0 gives all the same rate.
     #[serde(skip_serializing_if = "is_zero")]
     pub visibility: f32,
+    /// Share of the mean over the nearest splats in what each splat's offsets follow, 0 to 1: a bias towards low spatial
+    /// frequencies. 0 leaves each to its own gradient.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub smooth: f32,
     /// Adam's rate for R in `joint`.
     pub lr_tmsd: f32,
     /// Share of the rates that is left at the end of the cosine.
@@ -346,6 +350,7 @@ impl EmbedConfig {
             lr_rest_share: 0.05,
             reach: 1.0,
             visibility: 0.0,
+            smooth: 0.0,
             lr_tmsd: 1e-3,
             lr_floor: 0.05,
             margin: 6.0,
@@ -587,6 +592,7 @@ impl EmbedConfig {
             weight("margin", self.margin),
             ("reach", f64::from(self.reach), self.reach > 0.0 && self.reach <= 1.0),
             ("visibility", f64::from(self.visibility), VISIBILITY_POWERS.contains(&self.visibility)),
+            ("smooth", f64::from(self.smooth), (0.0..=1.0).contains(&self.smooth)),
             ("lambda_ssim", f64::from(self.lambda_ssim), (0.0..=1.0).contains(&self.lambda_ssim)),
         ];
         for (what, got, fine) in checks {
@@ -595,7 +601,7 @@ impl EmbedConfig {
                     what: what.to_owned(),
                     got: got.to_string(),
                     expected:
-                        "a sensible number, not negative (PSNR: 20 to 80 dB; reach: at most 1; visibility: -2 to 2)"
+                        "a sensible number, not negative (PSNR: 20 to 80 dB; reach, smooth: at most 1; visibility: -2 to 2)"
                             .to_owned(),
                 });
             }
@@ -636,8 +642,8 @@ fn is_whole(share: &f32) -> bool {
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
-fn is_zero(power: &f32) -> bool {
-    *power == 0.0
+fn is_zero(number: &f32) -> bool {
+    *number == 0.0
 }
 
 fn name_of_weights<S: Serializer>(weights: &Arc<LpipsWeights>, serializer: S) -> Result<S::Ok, S::Error> {

@@ -9,6 +9,7 @@ mod cost;
 mod estimate;
 mod fit;
 mod ladder;
+mod neighbours;
 mod perception;
 mod pool;
 mod repeated;
@@ -229,6 +230,7 @@ impl<'a> Embedding<'a> {
         if self.step >= self.standing.steps(&self.config) {
             return Ok(None);
         }
+        self.keep_up_smoothing()?;
         let (started, rung) = (Instant::now(), self.standing.rung);
         let config = &self.active;
         let mut rng = self.subject.key.prf().stream(Stream::Embedding, stream_index(config.seed, self.step));

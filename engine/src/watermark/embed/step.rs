@@ -20,6 +20,7 @@ use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
 use super::clips::TrainingClip;
 use super::config::{ControlTurn, EmbedConfig};
 use super::copies::Copies;
+use super::neighbours::Smoothing;
 use super::perception::Perception;
 use super::pool::{ClipPool, is_over_budget};
 use super::repeated::Repeated;
@@ -53,6 +54,8 @@ pub(super) struct Stage {
     pub(super) offsets: Buffer<f32>,
     pub(super) offsets_state: AdamState,
     pub(super) v_offsets: Buffer<f32>,
+    /// What smooths that gradient, if it is smoothed.
+    pub(super) smoothing: Option<Smoothing>,
     pub(super) penalty_sums: SumScratch,
     pub(super) raw: Buffer<f32>,
     pub(super) marked: Buffer<f32>,
@@ -85,6 +88,7 @@ impl Stage {
             offsets: device.buffer("offsets", offsets)?,
             offsets_state: AdamState::new(device, "offsets", offsets)?,
             v_offsets: device.buffer("v_offsets", offsets)?,
+            smoothing: Smoothing::new(device, &model.gaussians.means, config)?,
             penalty_sums: SumScratch::new(device, offsets.div_ceil(4))?,
             raw: full("raw")?,
             marked: full("marked")?,
@@ -434,7 +438,7 @@ impl Critic {
         Ok(())
     }
 
-    /// Back through resize and renderer, then Adam.
+    /// Back through resize and renderer, smoothing where it is asked for, then Adam.
     fn update(
         &mut self,
         rec: &mut Recorder,
@@ -460,7 +464,11 @@ impl Critic {
             let v_offsets = &mut stage.v_offsets;
             offset_penalty::step(rec, (&stage.offsets, blocks), v_offsets, term, &mut stage.penalty_sums)?;
         }
-        adam::step(rec, &mut stage.offsets, &stage.v_offsets, &mut stage.offsets_state, &offset_adam(config, rates))?;
+        let v_offsets = match &mut stage.smoothing {
+            Some(smoothing) => smoothing.smooth(rec, &stage.v_offsets)?,
+            None => &stage.v_offsets,
+        };
+        adam::step(rec, &mut stage.offsets, v_offsets, &mut stage.offsets_state, &offset_adam(config, rates))?;
         if self.training() == Training::Tmsd
             && let Some(tmsd) = self.features.tmsd()
         {

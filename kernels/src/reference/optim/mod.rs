@@ -1,3 +1,4 @@
 //! Twins of `glsl/optim`.
 
 pub mod adam;
+pub mod neighbour_mean;
