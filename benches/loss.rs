@@ -102,13 +102,14 @@ fn offsets(bench: &mut Bench) -> Outcome {
 /// The first tap of `AlexNet` on eight frames of 200 px.
 fn features(bench: &mut Bench) -> Outcome {
     let (rows, channels) = (8 * 49 * 49, 64);
-    let (features, weight) = (bench.data("features", 2 * rows * channels)?, bench.data("weight", channels)?);
+    let [features, reference] = [bench.data("features", rows * channels)?, bench.data("reference", rows * channels)?];
+    let weight = bench.data("weight", channels)?;
     let mut v_features = bench.device.buffer("v_features", rows * channels)?;
     let mut values = bench.device.buffer("values", 1)?;
     let mut sums = LpipsSums::new(&bench.device, rows)?;
     let work = Work::Bytes((12 * rows * channels) as f64, "3·4·rows·c");
     bench.passes(&format!("loss/lpips {rows}x{channels}"), work, |rec| {
-        let tap = Tap { features: &features, weight: &weight, rows, mean_over: rows };
+        let tap = Tap { features: &features, reference: &reference, weight: &weight, rows, mean_over: rows };
         let term = Term { values: &mut values, slot: 0, weight: 1.0, accumulate: Accumulate::Overwrite };
         lpips::step(rec, &tap, &mut v_features, term, &mut sums)
     })

@@ -1,7 +1,7 @@
 #version 460
 // loss/lpips_step: one tap of LPIPS (Zhang et al. 2018, eq. 1): features of unit length, their squared difference, weighted by
 // channel. One invocation per pixel of the tap.
-//   in   features [2*rows, channels], behind a ReLU: of the image, then of the reference   weight [channels]
+//   in   features, reference [rows, channels], behind a ReLU: of the image, and of what it is compared with   weight [channels]
 //        v_before: v_features as texels, read with ACCUMULATE
 //   out  v_features [rows, channels] (=), the gradient of the ReLU's input: (v_before + scale * own gradient) where the
 //        feature is above 0, else 0
@@ -16,6 +16,7 @@ layout(push_constant) uniform Params { int rows, channels; float scale; } p;
 TEXELS_F32(0, features);
 TEXELS_F32(1, weight);
 TEXELS_F32(2, v_before);
+TEXELS_F32(5, reference);
 layout(set = 0, binding = 3) writeonly buffer VFeatures { vec4 v_features[]; };
 layout(set = 0, binding = 4) writeonly buffer Partial { float partial[]; };
 
@@ -24,13 +25,12 @@ void main() {
     int row = int(gl_WorkGroupID.x * 64u + lane);
     int texels = p.channels / 4;
     int image = min(row, p.rows - 1) * texels;
-    int reference = image + p.rows * texels;
     float image_sq = 0.0;
     float reference_sq = 0.0;
     int t = 0;
     do {
         vec4 a = texel_load(features, image + t);
-        vec4 b = texel_load(features, reference + t);
+        vec4 b = texel_load(reference, image + t);
         image_sq += dot(a, a);
         reference_sq += dot(b, b);
     } while (++t < texels);
@@ -42,7 +42,7 @@ void main() {
     t = 0;
     do {
         vec4 a = texel_load(features, image + t);
-        vec4 d = a / shift - texel_load(features, reference + t) / reference_shift;
+        vec4 d = a / shift - texel_load(reference, image + t) / reference_shift;
         vec4 slope = texel_load(weight, t) * d;
         value += dot(slope, d);
         along += dot(slope, a);
@@ -53,7 +53,7 @@ void main() {
     t = 0;
     do {
         vec4 a = texel_load(features, image + t);
-        vec4 d = a / shift - texel_load(features, reference + t) / reference_shift;
+        vec4 d = a / shift - texel_load(reference, image + t) / reference_shift;
         vec4 v = scale * (texel_load(weight, t) * d - pull * a);
         if (ACCUMULATE != 0u) v += texel_load(v_before, image + t);
         if (row < p.rows) {

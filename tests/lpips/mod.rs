@@ -5,12 +5,13 @@ mod reference;
 use std::path::Path;
 
 use guard4d_engine::EngineError;
-use guard4d_engine::lpips::{ImageSize, Lpips, LpipsInput, LpipsNet, LpipsPass, LpipsWeights, Pair};
+use guard4d_engine::lpips::{ImageSize, Lpips, LpipsInput, LpipsNet, LpipsPass, LpipsWeights, Pair, Reference};
 use guard4d_engine::media::Frame;
 use guard4d_engine::tensor_file::Tensor;
+use guard4d_kernels::Buffer;
 
 use crate::support::close::assert_close;
-use crate::support::gpu::{Gpu, device};
+use crate::support::gpu::{Gpu, device, each_family};
 use crate::support::random::Random;
 use crate::support::random_lpips;
 
@@ -114,6 +115,38 @@ fn frames_and_parts_are_compared_by_themselves() {
     // The same sums, at most fused otherwise.
     assert_close(&slopes, &gradient, 1e-6 * largest, 1e-5);
     assert_eq!(gradient.iter().filter(|v| **v != 0.0).count(), inside, "nothing outside the part");
+}
+
+#[test]
+fn a_reference_whose_features_are_known_is_not_looked_at_and_gives_the_same_bits() {
+    let Some(families) = each_family() else { return };
+    let size = ImageSize { height: 52, width: 47 };
+    let (image, reference) = (clip(5, 4, size), clip(6, 4, size));
+    for gpu in &families {
+        let net = random_net(gpu);
+        let upload = |data: &[f32]| gpu.buffer_from("clip", data).expect("buffer");
+        let (image, reference, blank) = (upload(&image), upload(&reference), upload(&vec![f32::NAN; reference.len()]));
+        for chunk_bytes in [0, usize::MAX] {
+            let mut pass = net.pass_within(size, 4, chunk_bytes).expect("room");
+            let mut features = net.features(&pass).expect("room");
+            assert_eq!(features.bytes(), pass.features_bytes(), "as it says");
+            let mut compare = |reference: &Buffer<f32>, known: Reference<'_>| {
+                let mut v_image = gpu.buffer::<f32>("v_image", image.len()).expect("buffer");
+                let mut rec = gpu.recorder().expect("recorder");
+                let pair = Pair { image: &image, reference, full: size, corner: [0, 0] };
+                net.step_with(&mut rec, &mut pass, (&pair, known), Some((&mut v_image, 1.0))).expect("records");
+                rec.submit().expect("runs");
+                let read = [pass.values(), &v_image].map(|buffer| buffer.read().expect("reads"));
+                read.concat().into_iter().map(f32::to_bits).collect::<Vec<_>>()
+            };
+            let unknown = compare(&reference, Reference::Unknown);
+            assert!(unknown.iter().any(|v| f32::from_bits(*v) > 0.0), "there is a distance");
+            assert!(unknown == compare(&reference, Reference::Keep(&mut features)), "kept");
+            assert!(unknown == compare(&blank, Reference::Kept(&features)), "known");
+            assert!(unknown != compare(&image, Reference::Unknown), "another reference");
+            assert!(unknown == compare(&blank, Reference::Kept(&features)), "known still");
+        }
+    }
 }
 
 #[test]

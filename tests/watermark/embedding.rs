@@ -378,6 +378,35 @@ fn lpips_joins_the_loss_in_its_turn_also_after_a_break() {
 }
 
 #[test]
+fn what_lpips_keeps_of_clips_changes_no_result_and_is_estimated() {
+    // What is kept of a clip is 5 MB then.
+    const SIDE: u32 = 128;
+    let settings = |crop_px: Option<u32>| {
+        let gpu = own_device()?;
+        let owner = Owner::new(&gpu);
+        let lpips = Some(lpips(10.0, crop_px, 1));
+        let config =
+            EmbedConfig { steps: 8, views: 4, size_px: (SIDE, SIDE), lpips, ..config(&owner, ExtractorMode::Blind) };
+        let estimate = Estimate::of(owner.subject(&gpu), &config).expect("estimates");
+        drop((owner, gpu));
+        let (embedded, used) = within(None, &config)?;
+        let off = estimate.peak_memory_bytes as f64 / used.peak_reserved_bytes as f64;
+        assert!((0.95..1.05).contains(&off), "the estimate is within 5 %: {estimate:?}, {used:?}");
+        Some((config, embedded, used.peak_reserved_bytes))
+    };
+    // A part as large as the frame is the same to compare, but parts are not kept.
+    let (Some((config, kept, more)), Some((_, anew, less))) = (settings(None), settings(Some(SIDE))) else { return };
+    let bits = |e: &Embedded| e.sh_coeffs.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    assert!(bits(&kept) == bits(&anew), "the same mark to the bit");
+    assert!(more > less + (10 << 20), "two clips' at the least are kept: {more}, {less}");
+    // Room for all clips, and for what is kept of some.
+    let budget = u64::midpoint(more, less);
+    let Some((tight, used)) = within(Some(budget), &config) else { return };
+    assert!(used.peak_reserved_bytes <= budget && tight.clips_made == 4, "no clip goes for it: {used:?} with {budget}");
+    assert!(bits(&kept) == bits(&tight), "the same mark with room for some");
+}
+
+#[test]
 fn impossible_lpips_is_refused() {
     let config = |term: LpipsTerm| {
         let config = EmbedConfig::new(Profile::Draft, ExtractorMode::Blind);

@@ -12,7 +12,7 @@ use guard4d_kernels::{Buffer, Device};
 use serde::Serialize;
 
 pub use guard4d_kernels::image::resize::ImageSize;
-pub use pass::{LpipsPass, Pair};
+pub use pass::{LpipsFeatures, LpipsPass, Pair, Reference};
 pub use weights::{LpipsNet, LpipsWeights};
 
 use crate::error::EngineError;

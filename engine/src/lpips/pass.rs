@@ -29,6 +29,24 @@ pub struct Pair<'a> {
     pub corner: [usize; 2],
 }
 
+/// What is known of the pictures that others are compared with. However it is, the results are the same to the bit.
+#[derive(Debug)]
+pub enum Reference<'a> {
+    /// Nothing.
+    Unknown,
+    /// Nothing yet; their features are left here.
+    Keep(&'a mut LpipsFeatures),
+    /// Their features, so that the pictures themselves are not read.
+    Kept(&'a LpipsFeatures),
+}
+
+/// Features of pictures at all taps: the same as long as the pictures are.
+#[derive(Debug)]
+pub struct LpipsFeatures {
+    /// Of the frames that go through the network together, of each tap `[chunk, H', W', C]`.
+    chunks: Vec<Vec<Buffer<f32>>>,
+}
+
 /// Working memory for parts of one size, and the values of its last use.
 #[derive(Debug)]
 pub struct LpipsPass {
@@ -37,7 +55,7 @@ pub struct LpipsPass {
     /// Frames that go through the network together; divides `frames`.
     chunk: usize,
     cells: Cells,
-    /// Input of the network `[2 chunk, ...]`: the pictures, then their references.
+    /// Input of the network `[chunk, ...]`: the references, then the pictures.
     input: Buffer<f32>,
     v_input: Buffer<f32>,
     layers: Vec<LayerState>,
@@ -46,7 +64,7 @@ pub struct LpipsPass {
     values: Buffer<f32>,
 }
 
-/// What a layer leaves behind, for twice as many frames as its gradients have.
+/// What a layer leaves behind of a chunk.
 #[derive(Debug)]
 struct LayerState {
     shape: LayerShape,
@@ -56,6 +74,8 @@ struct LayerState {
     /// Output of the ReLU, and the gradient of the ReLU's input.
     y: Buffer<f32>,
     v_y: Buffer<f32>,
+    /// Output of the ReLU for the references; empty where there is no tap.
+    reference: Buffer<f32>,
 }
 
 /// Sizes of a layer, for one frame.
@@ -137,18 +157,34 @@ fn chunk_of(frames: usize, bytes_per_frame: usize, limit: usize) -> usize {
 }
 
 impl LayerState {
-    fn new(device: &Device, shape: LayerShape, chunk: usize) -> Result<Self, KernelError> {
+    fn new(device: &Device, shape: LayerShape, chunk: usize, is_tapped: bool) -> Result<Self, KernelError> {
         Ok(Self {
-            pooled: device.buffer("lpips.pooled", 2 * chunk * shape.pooled_len())?,
+            pooled: device.buffer("lpips.pooled", chunk * shape.pooled_len())?,
             v_pooled: device.buffer("lpips.v_pooled", chunk * shape.pooled_len())?,
-            y: device.buffer("lpips.y", 2 * chunk * shape.out_len())?,
+            y: device.buffer("lpips.y", chunk * shape.out_len())?,
             v_y: device.buffer("lpips.v_y", chunk * shape.out_len())?,
+            reference: device.buffer("lpips.reference", if is_tapped { chunk * shape.out_len() } else { 0 })?,
             shape,
         })
     }
 }
 
+impl LpipsFeatures {
+    /// Device bytes.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.chunks.iter().flatten().map(|tap| (size_of::<f32>() * tap.len()) as u64).sum()
+    }
+}
+
 impl LpipsPass {
+    /// Device bytes that the features of what it compares with take, if they are kept.
+    #[must_use]
+    pub fn features_bytes(&self) -> u64 {
+        let chunk: usize = self.layers.iter().map(|state| state.reference.len()).sum();
+        (size_of::<f32>() * chunk * (self.frames / self.chunk)) as u64
+    }
+
     /// Values of the last use, for [`LpipsPass::score`].
     #[must_use]
     pub fn values(&self) -> &Buffer<f32> {
@@ -164,6 +200,20 @@ impl LpipsPass {
         }
         LpipsScore { per_tap }
     }
+}
+
+/// Copies what the layers made of the references to where the comparison finds it.
+fn leave(
+    rec: &mut Recorder,
+    layers: &mut [LayerState],
+    kept: Option<&mut Vec<Buffer<f32>>>,
+) -> Result<(), KernelError> {
+    let mut kept = kept.map(|taps| taps.iter_mut());
+    for LayerState { y, reference, .. } in layers.iter_mut().filter(|state| !state.reference.is_empty()) {
+        let into = kept.as_mut().and_then(Iterator::next).unwrap_or(reference);
+        rec.copy(y, 0, into, 0, y.len())?;
+    }
+    Ok(())
 }
 
 impl Lpips {
@@ -187,22 +237,35 @@ impl Lpips {
             got: format!("{} x {} px", size.width, size.height),
             expected: format!("at least {} px both ways", self.net.min_side_px()),
         })?;
+        // At most three of each: of references, of pictures, of gradients.
         let floats: usize = shapes.iter().map(|s| 3 * (s.out_len() + s.pooled_len())).sum::<usize>() + 3 * cells.len(1);
         let chunk = chunk_of(frames, floats * size_of::<f32>(), chunk_bytes);
         let device = &self.device;
         let largest = shapes.iter().map(|shape| shape.out[0] * shape.out[1]).max().unwrap_or(0);
-        let layers = shapes.into_iter().map(|shape| LayerState::new(device, shape, chunk));
+        let states = shapes.into_iter().zip(&layers);
+        let layers = states.map(|(shape, layer)| LayerState::new(device, shape, chunk, layer.is_tapped));
         Ok(LpipsPass {
             size,
             frames,
             chunk,
             cells,
-            input: device.buffer("lpips.input", cells.len(2 * chunk))?,
+            input: device.buffer("lpips.input", cells.len(chunk))?,
             v_input: device.buffer("lpips.v_input", cells.len(chunk))?,
             layers: layers.collect::<Result<_, _>>()?,
             sums: LpipsSums::new(device, chunk * largest)?,
             values: device.buffer("lpips.values", frames.div_ceil(chunk) * NUM_TAPS)?,
         })
+    }
+
+    /// Room for the features of what `pass` compares with.
+    ///
+    /// # Errors
+    /// When memory runs out.
+    pub fn features(&self, pass: &LpipsPass) -> Result<LpipsFeatures, KernelError> {
+        let lens: Vec<usize> = pass.layers.iter().map(|state| state.reference.len()).filter(|len| *len > 0).collect();
+        let tap = |len: &usize| self.device.buffer("lpips.kept", *len);
+        let chunk = |_| lens.iter().map(tap).collect::<Result<_, _>>();
+        Ok(LpipsFeatures { chunks: (0..pass.frames / pass.chunk).map(chunk).collect::<Result<_, _>>()? })
     }
 
     /// The distance of two clips, mean over their frames, and if asked for its gradient.
@@ -219,16 +282,45 @@ impl Lpips {
         rec: &mut Recorder,
         pass: &mut LpipsPass,
         pair: &Pair<'_>,
+        gradient: Option<(&mut Buffer<f32>, f32)>,
+    ) -> Result<(), KernelError> {
+        self.step_with(rec, pass, (pair, Reference::Unknown), gradient)
+    }
+
+    /// The same with what is known of the reference; its features are those of the same frames and part, by a pass of the
+    /// same sizes.
+    ///
+    /// # Errors
+    /// As [`Lpips::step`].
+    pub fn step_with(
+        &self,
+        rec: &mut Recorder,
+        pass: &mut LpipsPass,
+        (pair, mut reference): (&Pair<'_>, Reference<'_>),
         mut gradient: Option<(&mut Buffer<f32>, f32)>,
     ) -> Result<(), KernelError> {
-        for first in (0..pass.frames).step_by(pass.chunk) {
+        for (chunk, first) in (0..pass.frames).step_by(pass.chunk).enumerate() {
             let window =
                 Window { frame: first, frames: pass.chunk, corner: pair.corner, size: pass.size, full: pair.full };
             let crop = Crop { window, cells: pass.cells };
+            if !matches!(reference, Reference::Kept(_)) {
+                crop::forward(rec, (&crop, &self.input), pair.reference, (&mut pass.input, 0))?;
+                self.forward(rec, pass)?;
+            }
+            match &mut reference {
+                Reference::Unknown => leave(rec, &mut pass.layers, None)?,
+                Reference::Keep(features) => leave(rec, &mut pass.layers, Some(&mut features.chunks[chunk]))?,
+                Reference::Kept(_) => {}
+            }
             crop::forward(rec, (&crop, &self.input), pair.image, (&mut pass.input, 0))?;
-            crop::forward(rec, (&crop, &self.input), pair.reference, (&mut pass.input, pass.chunk))?;
             self.forward(rec, pass)?;
-            self.compare_and_return(rec, pass, first / pass.chunk, gradient.as_ref().map(|(_, weight)| *weight))?;
+            let known = match &reference {
+                Reference::Unknown => None,
+                Reference::Keep(features) => Some(&features.chunks[chunk]),
+                Reference::Kept(features) => Some(&features.chunks[chunk]),
+            };
+            let weight = gradient.as_ref().map(|(_, weight)| *weight);
+            self.compare_and_return(rec, pass, (chunk, known), weight)?;
             if let Some((v_image, _)) = &mut gradient {
                 crop::backward(rec, (&crop, &self.input), &pass.v_input, v_image)?;
             }
@@ -236,9 +328,9 @@ impl Lpips {
         Ok(())
     }
 
-    /// Features of all layers, of the pictures and of their references.
+    /// Features of all layers.
     fn forward(&self, rec: &mut Recorder, pass: &mut LpipsPass) -> Result<(), KernelError> {
-        let frames = 2 * pass.chunk;
+        let frames = pass.chunk;
         for (i, (_, filters)) in self.layers.iter().enumerate() {
             let (before, from) = pass.layers.split_at_mut(i);
             let LayerState { shape, pooled, y, .. } = &mut from[0];
@@ -260,7 +352,7 @@ impl Lpips {
         &self,
         rec: &mut Recorder,
         pass: &mut LpipsPass,
-        chunk: usize,
+        (chunk, known): (usize, Option<&Vec<Buffer<f32>>>),
         weight: Option<f32>,
     ) -> Result<(), KernelError> {
         let frames = pass.chunk;
@@ -268,12 +360,14 @@ impl Lpips {
         let mut accumulate = Accumulate::Overwrite;
         for (i, (layer, filters)) in self.layers.iter().enumerate().rev() {
             let (before, from) = pass.layers.split_at_mut(i);
-            let LayerState { shape, v_pooled, y, v_y, .. } = &mut from[0];
+            let LayerState { shape, v_pooled, y, v_y, reference, .. } = &mut from[0];
             if layer.is_tapped {
                 slot -= 1;
                 let rows = frames * shape.out[0] * shape.out[1];
                 let mean_over = rows / frames * pass.frames;
-                let tap = Tap { features: y, weight: &self.heads[slot % NUM_TAPS], rows, mean_over };
+                let tap = slot % NUM_TAPS;
+                let reference = known.map_or(&*reference, |taps| &taps[tap]);
+                let tap = Tap { features: y, reference, weight: &self.heads[tap], rows, mean_over };
                 let term = Term { values: &mut pass.values, slot, weight: weight.unwrap_or(0.0), accumulate };
                 lpips::step(rec, &tap, v_y, term, &mut pass.sums)?;
             }

@@ -33,8 +33,10 @@ fn partials(rows: usize) -> usize {
 /// Features of one tap.
 #[derive(Clone, Copy, Debug)]
 pub struct Tap<'a> {
-    /// `[2, rows, channels]` behind a ReLU: of the pictures, then of their references.
+    /// Of the pictures `[rows, channels]`, behind a ReLU.
     pub features: &'a Buffer<f32>,
+    /// Of what they are compared with, likewise.
+    pub reference: &'a Buffer<f32>,
     /// Weight of each channel `[channels]`.
     pub weight: &'a Buffer<f32>,
     /// Pixels of all pictures.
@@ -60,13 +62,14 @@ pub fn step(
     term: Term<'_>,
     sums: &mut LpipsSums,
 ) -> Result<(), KernelError> {
-    let Tap { features, weight, rows, mean_over } = *tap;
+    let Tap { features, reference, weight, rows, mean_over } = *tap;
     let channels = weight.len();
     if channels == 0 || !channels.is_multiple_of(4) {
         let expected = "a positive multiple of 4".to_owned();
         return Err(KernelError::Shape { kernel: KERNEL, buffer: "weight", got: channels.to_string(), expected });
     }
-    expect_len(KERNEL, "features", features, 2 * rows * channels)?;
+    expect_len(KERNEL, "features", features, rows * channels)?;
+    expect_len(KERNEL, "reference", reference, rows * channels)?;
     expect_len(KERNEL, "v_features", v_features, rows * channels)?;
     require_len(KERNEL, "sums", sums.partial.len(), partials(rows))?;
     term.slots(KERNEL, 1)?;
@@ -76,7 +79,8 @@ pub fn step(
     #[allow(clippy::cast_possible_truncation, reason = "the shader computes in f32")]
     let spec = lpips_step::Spec { accumulate: term.accumulate.flag(), eps: EPS as f32 };
     let before = v_features.alias();
-    let bind = lpips_step::Bind { features, weight, v_before: &before, v_features, partial: &mut sums.partial };
+    let bind =
+        lpips_step::Bind { features, reference, weight, v_before: &before, v_features, partial: &mut sums.partial };
     rec.dispatch_spec(bind, params, spec, Grid::groups(dim(rows.div_ceil(LANES)), 1, 1))?;
     finish(rec, (&sums.partial, 0..partials(rows)), mean, (term.values, term.slot))
 }

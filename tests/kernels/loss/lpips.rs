@@ -35,12 +35,13 @@ fn mean_over(rows: usize) -> usize {
 /// Value and gradient with twice the weight, on top of 0.5.
 fn on_gpu(gpu: &Gpu, [features, weight]: [&[f32]; 2], accumulate: Accumulate) -> Vec<f32> {
     let rows = features.len() / 2 / weight.len();
-    let mut v_features = upload(gpu, &vec![0.5; features.len() / 2]);
-    let (features, weight) = (upload(gpu, features), upload(gpu, weight));
+    let (features, reference) = features.split_at(features.len() / 2);
+    let mut v_features = upload(gpu, &vec![0.5; features.len()]);
+    let [features, reference, weight] = [features, reference, weight].map(|data| upload(gpu, data));
     let mut values = upload(gpu, &[7.0; 3]);
     let mut sums = LpipsSums::new(gpu, rows).expect("sums");
     run(gpu, |rec| {
-        let tap = Tap { features: &features, weight: &weight, rows, mean_over: mean_over(rows) };
+        let tap = Tap { features: &features, reference: &reference, weight: &weight, rows, mean_over: mean_over(rows) };
         step(rec, &tap, &mut v_features, term(&mut values, 2.0, accumulate), &mut sums)
     });
     let values = values.read().expect("read");
@@ -100,14 +101,18 @@ fn poison_stays_in_its_pixel() {
 #[test]
 fn what_does_not_fit_is_refused() {
     let Some(gpu) = device() else { return };
-    let (features, weight) = (upload(&gpu, &[0.0; 16]), upload(&gpu, &[1.0; 4]));
+    let (features, weight) = (upload(&gpu, &[0.0; 8]), upload(&gpu, &[1.0; 4]));
     let mut values = upload(&gpu, &[0.0; 2]);
     let (mut v_features, mut short) = (upload(&gpu, &[0.0; 8]), upload(&gpu, &[0.0; 4]));
     let mut sums = LpipsSums::new(&gpu, 2).expect("sums");
     let mut rec = gpu.recorder().expect("recorder");
-    let tap = Tap { features: &features, weight: &weight, rows: 2, mean_over: 2 };
+    let tap = Tap { features: &features, reference: &features, weight: &weight, rows: 2, mean_over: 2 };
     let wrong = step(&mut rec, &tap, &mut short, term(&mut values, 1.0, Accumulate::Add), &mut sums);
     assert!(matches!(wrong, Err(KernelError::Shape { buffer: "v_features", .. })), "{wrong:?}");
+    let few = upload(&gpu, &[0.0; 4]);
+    let wrong = Tap { reference: &few, ..tap };
+    let wrong = step(&mut rec, &wrong, &mut v_features, term(&mut values, 1.0, Accumulate::Add), &mut sums);
+    assert!(matches!(wrong, Err(KernelError::Shape { buffer: "reference", .. })), "{wrong:?}");
     let tap = Tap { rows: 1, ..tap };
     let wrong = step(&mut rec, &tap, &mut v_features, term(&mut values, 1.0, Accumulate::Add), &mut sums);
     assert!(matches!(wrong, Err(KernelError::Shape { buffer: "features", .. })), "{wrong:?}");

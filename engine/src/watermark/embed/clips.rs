@@ -1,6 +1,6 @@
 //! Clips of an embedding: what of a view and its frames never changes while colours do.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use glam::Mat4;
 use guard4d_kernels::image::quantize;
@@ -14,6 +14,7 @@ use super::step::Stage;
 use super::unit;
 use crate::deform::DeformField;
 use crate::error::EngineError;
+use crate::lpips::LpipsFeatures;
 use crate::render::{FramePlan, OffsetBases, Prune};
 use crate::scene::camera_paths::{Band, Lens};
 use crate::scene::{Camera, CameraSet, Model, View};
@@ -33,10 +34,12 @@ pub(super) struct TrainingClip {
     pub(super) resized: Buffer<f32>,
     /// Reference moments for SSIM, when it is part of the loss.
     pub(super) moments: Option<SsimReference>,
+    /// What LPIPS's network sees in the unmarked frames, once a step has computed it where there is room to keep it.
+    pub(super) features: OnceLock<LpipsFeatures>,
 }
 
 impl TrainingClip {
-    /// Device bytes; the scene's coefficients are shared and not counted.
+    /// Device bytes, but for LPIPS's features; the scene's coefficients are shared and not counted.
     pub(super) fn bytes(&self) -> u64 {
         let plans: usize = self.plans.iter().map(|plan| plan.bytes()).sum();
         let frames = size_of::<f32>() * (self.reference.len() + self.resized.len());
@@ -154,6 +157,6 @@ impl ClipBuilder {
             None => None,
         };
         rec.submit()?;
-        Ok(TrainingClip { plans, reference, resized, moments })
+        Ok(TrainingClip { plans, reference, resized, moments, features: OnceLock::new() })
     }
 }

@@ -1,5 +1,6 @@
 //! What an embedding will take, found by preparing a few of its clips and taking a few of its steps.
 
+use std::collections::BTreeSet;
 use std::time::Instant;
 
 use serde::Serialize;
@@ -31,7 +32,7 @@ pub struct Estimate {
     pub clip_bytes: u64,
     /// Bytes of everything else at its peak.
     pub resident_bytes: u64,
-    /// Most bytes taken from the driver at one time.
+    /// Most bytes taken from the driver at one time, what LPIPS keeps of unmarked clips among them.
     pub peak_memory_bytes: u64,
     /// Bytes that may be taken from the driver, if there is a limit.
     pub budget_bytes: Option<u64>,
@@ -41,7 +42,7 @@ pub struct Estimate {
     pub plan_seconds: f64,
     /// Seconds for fitting the extractor.
     pub fit_seconds: f64,
-    /// Seconds for all steps, held-out measurements among them.
+    /// Seconds for all steps, held-out measurements among them, as if LPIPS kept nothing of unmarked clips.
     pub train_seconds: f64,
 }
 
@@ -77,8 +78,11 @@ impl Estimate {
         let (used, kept) = (device.memory_use(), embedding.clips.bytes());
         let clip_bytes = kept / embedding.clips.in_memory().max(1) as u64;
         // Other buffers of this device, such as CLIP's weights, are part of it.
-        let resident_bytes = used.peak_reserved_bytes - kept;
-        let all = resident_bytes + clip_bytes * clips as u64;
+        let resident_bytes = used.peak_reserved_bytes - kept - embedding.clips.features_bytes();
+        let mut all = resident_bytes + clip_bytes * clips as u64;
+        if budget.is_none_or(|bytes| all <= bytes) {
+            all += embedding.kept_by_lpips(config);
+        }
         let room = budget.map_or(u64::MAX, |bytes| bytes.saturating_sub(resident_bytes));
         let in_memory = usize::try_from(room / clip_bytes.max(1)).unwrap_or(usize::MAX).clamp(1, clips);
         let missed = 1.0 - in_memory as f64 / clips as f64;
@@ -106,5 +110,15 @@ impl Estimate {
             fit_seconds: embedding.seconds["fit"] * fitted / passes(&few, embedding.clips.training().len()),
             train_seconds: timed / timed_steps as f64 * config.steps as f64 + measuring * measured as f64,
         })
+    }
+}
+
+impl Embedding<'_> {
+    /// Device bytes of what LPIPS keeps of all clips that its comparisons by these settings come to.
+    fn kept_by_lpips(&self, config: &EmbedConfig) -> u64 {
+        let (Some(perception), Some(term)) = (&self.critic.perception, config.trained_lpips()) else { return 0 };
+        let clip = |step| super::draw(self.subject.key, config.seed, step, config.views as usize).0;
+        let compared: BTreeSet<usize> = (0..config.steps).step_by(term.every as usize).map(clip).collect();
+        perception.kept_bytes(compared.len())
     }
 }

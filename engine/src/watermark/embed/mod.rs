@@ -233,9 +233,7 @@ impl<'a> Embedding<'a> {
         self.keep_up_smoothing()?;
         let (started, rung) = (Instant::now(), self.standing.rung);
         let config = &self.active;
-        let mut rng = self.subject.key.prf().stream(Stream::Embedding, stream_index(config.seed, self.step));
-        let training = u32::try_from(self.clips.training().len()).unwrap_or(u32::MAX);
-        let index = uniform_below(&mut rng, training) as usize;
+        let (index, mut rng) = draw(self.subject.key, config.seed, self.step, self.clips.training().len());
         let clip = self.critic.clip(&mut self.clips, &mut self.stage, index)?;
         let (low, high) = config.noise_sigma;
         let sigma = low * (high / low).powf(unit(&mut rng));
@@ -248,6 +246,9 @@ impl<'a> Embedding<'a> {
             lpips: config.lpips_turn(self.step, &mut rng),
             distortion: config.distortion_turn(self.step, &mut rng),
         };
+        if let Some(perception) = self.critic.perception.as_mut().filter(|_| rates.lpips.is_some()) {
+            perception.make_room(self.subject.device, &self.clips, &clip)?;
+        }
         let (mut report, timings) = self.critic.step(self.subject.device, &mut self.stage, &clip, config, rates)?;
         if !(report.total.is_finite() && report.mse.is_finite()) {
             let what = format!("loss at step {}", self.step);
@@ -435,6 +436,13 @@ fn marked(clean: &[f32], offsets: &[f32], bases: OffsetBases) -> Vec<f32> {
         }
     }
     marked
+}
+
+/// The clip that a step is taken on, by its number among so many, and the stream of all else that the step draws.
+fn draw(key: &Key, seed: u64, step: usize, clips: usize) -> (usize, ChaCha20Rng) {
+    let mut rng = key.prf().stream(Stream::Embedding, stream_index(seed, step));
+    let index = uniform_below(&mut rng, u32::try_from(clips).unwrap_or(u32::MAX));
+    (index as usize, rng)
 }
 
 /// Every step has a random stream of its own, so that a resumed run draws what an unbroken one would.

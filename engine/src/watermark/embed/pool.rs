@@ -13,6 +13,7 @@ use super::clips::{ClipBuilder, TrainingClip, shots};
 use super::config::EmbedConfig;
 use super::step::Stage;
 use crate::error::EngineError;
+use crate::lpips::LpipsFeatures;
 use crate::scene::Camera;
 use crate::watermark::prf::Purpose as Stream;
 
@@ -115,6 +116,16 @@ impl ClipPool {
     /// Device bytes of the clips that are in memory.
     pub(super) fn bytes(&self) -> u64 {
         self.kept.0.iter().map(|(_, clip)| clip.bytes()).sum()
+    }
+
+    /// Device bytes of what LPIPS's network sees in them.
+    pub(super) fn features_bytes(&self) -> u64 {
+        self.kept.0.iter().filter_map(|(_, clip)| clip.features.get()).map(LpipsFeatures::bytes).sum()
+    }
+
+    /// Whether all clips in use are in memory, so that none is waiting for room.
+    pub(super) fn holds_all(&self) -> bool {
+        self.kept.0.len() >= self.training().len() + self.held_out().len()
     }
 
     /// Makes clips until all that are in use are there or memory is full.

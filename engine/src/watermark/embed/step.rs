@@ -216,7 +216,7 @@ pub(super) struct Critic {
     /// Working memory for SSIM, when it is part of the loss.
     similarity: Option<SsimScratch>,
     /// LPIPS, when it is part of the loss.
-    perception: Option<Perception>,
+    pub(super) perception: Option<Perception>,
 }
 
 /// Logits of one clip and their loss.
@@ -328,7 +328,7 @@ impl Critic {
         stage.draw(&mut rec, clip)?;
         self.fidelity(&mut rec, stage, clip, config)?;
         if let (Some(perception), Some(corner)) = (&mut self.perception, rates.lpips) {
-            perception.step(&mut rec, (&stage.marked, &clip.reference), corner, &mut stage.v_marked)?;
+            perception.step(&mut rec, (&stage.marked, clip), corner, &mut stage.v_marked)?;
         }
         match rates.distortion {
             Some(drawn) => stage.distort(&mut rec, drawn)?,
@@ -340,6 +340,9 @@ impl Critic {
         self.gather(&mut rec)?;
         self.repeated.last_step = started.elapsed();
         let timings = rec.submit()?;
+        if let Some(perception) = &mut self.perception {
+            perception.remember(clip);
+        }
         Ok((self.report(config, rates)?, timings))
     }
 
