@@ -250,8 +250,8 @@ pub(crate) struct ObjectiveArgs {
 pub(crate) enum FitArg {
     /// Begin with the base colour of the splats that carry most of the light and half of the views; take all splats and
     /// views, and with `--bases all` all coefficients, when clips that training never sees show no more progress. Stop when
-    /// they show, beyond doubt, the bits that the quality gate asks for, or no progress on the last rung either. The
-    /// extractor stays what it is: `joint` gives no exact p-value, and is never chosen for you
+    /// each of them proves the message alone, or when they show no progress on the last rung either. The extractor stays
+    /// what it is: `joint` gives no exact p-value, and is never chosen for you
     Auto,
     /// Take all steps of the profile on everything: the strongest mark
     Full,
@@ -301,20 +301,6 @@ pub(crate) struct LpipsArgs {
     /// Train LPIPS in every K-th step only, and count it K times: faster, less exact
     #[arg(long, value_name = "K", default_value_t = 1, requires = "lpips")]
     pub(crate) lpips_every: u32,
-}
-
-/// How the mark is spread over the splats.
-#[derive(Args, Debug)]
-pub(crate) struct SpreadArgs {
-    /// Change only the splats that together carry this share of the light in the training views: 1 all, 0.9 far fewer
-    #[arg(long, value_name = "SHARE")]
-    pub(crate) reach: Option<f32>,
-    /// Change splats the faster the more of the light is theirs, by this power (-2 to 2) of it; 0 all alike
-    #[arg(long, value_name = "POWER", allow_negative_numbers = true)]
-    pub(crate) visibility: Option<f32>,
-    /// Share of the mean over its eight nearest splats in what each splat follows, 0 (none) to 1: a smoother mark
-    #[arg(long, value_name = "SHARE")]
-    pub(crate) smooth: Option<f32>,
 }
 
 #[derive(Args, Debug)]
@@ -367,7 +353,8 @@ pub(crate) struct EmbedArgs {
     /// Fidelity to hold, in dB over whole frames, instead of the profile's
     #[arg(long)]
     pub(crate) target_psnr: Option<f32>,
-    /// Quality gate: least share of bits right on unseen clips, 0 to 1; by default what `verify` needs to say present
+    /// Quality gate: least share of bits right on unseen clips, 0 to 1, instead of what it asks for by default: that half
+    /// of these clips each prove the message alone
     #[arg(long, value_name = "SHARE")]
     pub(crate) min_accuracy: Option<f64>,
     /// Quality gate: least PSNR of whole unseen frames in dB; by default none
@@ -376,8 +363,9 @@ pub(crate) struct EmbedArgs {
     /// SH coefficients to write into, by default `dc`; with the paper's profiles `all`
     #[arg(long, value_enum)]
     pub(crate) bases: Option<BasesArg>,
-    #[command(flatten)]
-    pub(crate) spread: SpreadArgs,
+    /// Change only the splats that together carry this share of the light in the training views: 1 all, 0.9 far fewer
+    #[arg(long, value_name = "SHARE")]
+    pub(crate) reach: Option<f32>,
     /// Seed of cameras and noise
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,

@@ -114,9 +114,9 @@ fn rung_rows(rungs: &[RungReport]) -> Vec<Row> {
             Left::Flat => "no more progress",
             Left::Steps => "out of steps",
         };
-        let (bits, sure, psnr) = (percent(look.bit_accuracy.into()), percent(look.sure.into()), look.psnr.0);
+        let (bits, proven, psnr) = (percent(look.clip_accuracy.into()), percent(look.proven.into()), look.psnr.0);
         let what = format!("{offsets} offsets on {splats} splats, {views} clips, {steps} steps: {why}");
-        ("rung", format!("{what}; held out: bits right {bits}, beyond doubt {sure}, {psnr:.2} dB"))
+        ("rung", format!("{what}; held out: bits right {bits}, clips that prove it alone {proven}, {psnr:.2} dB"))
     };
     rungs.iter().map(row).collect()
 }
@@ -191,7 +191,7 @@ fn judge(missed: &[Shortfall]) -> Outcome {
 fn gate(args: &EmbedArgs, bits: usize, searched: u32) -> Result<Gate, EngineError> {
     let mut gate = Gate { min_psnr_db: args.min_psnr, ..Gate::after_search(bits, searched) };
     if let Some(share) = args.min_accuracy {
-        gate.min_accuracy = share;
+        (gate.min_proven, gate.min_accuracy) = (0.0, Some(share));
     }
     gate.validate()?;
     Ok(gate)
@@ -227,13 +227,10 @@ fn config(args: &EmbedArgs, (gate, bits): (&Gate, usize)) -> Result<EmbedConfig,
         config = config.with_target(target);
     }
     aim(&args.objective, &mut config);
-    config.reach = args.spread.reach.unwrap_or(config.reach);
-    config.visibility = args.spread.visibility.unwrap_or(config.visibility);
-    config.smooth = args.spread.smooth.unwrap_or(config.smooth);
+    config.reach = args.reach.unwrap_or(config.reach);
     config.lpips = lpips(&args.lpips)?;
     Ok(match args.fit {
-        #[allow(clippy::cast_possible_truncation, reason = "a share from 0 to 1")]
-        FitArg::Auto => config.climbing(gate.min_accuracy as f32, bits),
+        FitArg::Auto => config.climbing(gate.aim(), bits),
         FitArg::Full => config,
     })
 }

@@ -13,8 +13,8 @@ use guard4d_engine::output::Existing;
 use guard4d_engine::scene::Model;
 use guard4d_engine::tensor_file::{Tensor, TensorFile};
 use guard4d_engine::watermark::calibration::Calibration;
-use guard4d_engine::watermark::delivery::{EXTRACTOR, RECEIPT, thresholds};
-use guard4d_engine::watermark::evidence::ExtractorMode;
+use guard4d_engine::watermark::delivery::{EXTRACTOR, RECEIPT};
+use guard4d_engine::watermark::evidence::{ExtractorMode, Thresholds};
 use guard4d_engine::watermark::extractor::{ExtractorWeights, PREPROCESS, Reader};
 use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::message::{Message, Payload};
@@ -113,7 +113,7 @@ pub(super) fn promise(key: &Key, message: &Message, extractor: &ExtractorWeights
         extractor: Some(extractor.digest(key).expect("shapes fit")),
         clip: key.clip,
         preprocess: PREPROCESS.to_owned(),
-        thresholds: thresholds(key.bits()),
+        thresholds: Thresholds::for_bits(key.bits()),
     }
 }
 

@@ -160,8 +160,6 @@ fn impossible_gates_and_settings_are_refused_before_work() {
     small.run("out", &["--control", "bce"]).refused(2, &["inverse-bce:EPS"]);
     small.run("out", &["--lambda-recon=-1"]).refused(2, &["lambda_recon: -1"]);
     small.run("out", &["--reach", "0"]).refused(2, &["reach: 0", "at most 1"]);
-    small.run("out", &["--visibility", "-3"]).refused(2, &["visibility: -3", "-2 to 2"]);
-    small.run("out", &["--smooth", "2"]).refused(2, &["smooth: 2", "at most 1"]);
     small.run("out", &["--distort", "blur:1..2"]).refused(2, &["blur:1..2", "one strength"]);
     small.set("--extractor", "blind");
     small.run("out", &["--control-every", "2"]).refused(2, &["control_every: 2", "`joint`"]);

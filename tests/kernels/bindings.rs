@@ -5,7 +5,6 @@ use guard4d_kernels::loss::sum::SumScratch;
 use guard4d_kernels::loss::{Term, pixel};
 use guard4d_kernels::nn::axpy;
 use guard4d_kernels::optim::adam::{self, AdamConfig, AdamState, Tail};
-use guard4d_kernels::optim::neighbour_mean::{self, Neighbourhood};
 use guard4d_kernels::shape::{Accumulate, OffsetBases};
 use guard4d_kernels::splat::sh::{self, ShInputs, VisibleSplats};
 use guard4d_kernels::{Buffer, Device, DeviceOptions};
@@ -22,18 +21,8 @@ fn bits(buffer: &Buffer<f32>) -> Vec<u32> {
     buffer.read().expect("reads").into_iter().map(f32::to_bits).collect()
 }
 
-/// Neighbours of each splat: an odd number, in ascending order.
-fn neighbours(gpu: &Device) -> Buffer<u32> {
-    let row = |i: usize| {
-        let mut row = [1, 700, 1501, 2250, 2999].map(|step| ((i + step) % SPLATS) as u32);
-        row.sort_unstable();
-        row
-    };
-    gpu.buffer_from("neighbours", &(0..SPLATS).flat_map(row).collect::<Vec<_>>()).expect("buffer")
-}
-
-/// Colours, gradient of the offsets with their penalty, as it is and smoothed, and the offsets after two steps.
-fn run(gpu: &Device, bases: OffsetBases) -> [Vec<u32>; 7] {
+/// Colours, gradient of the offsets with their penalty, and the offsets after two steps.
+fn run(gpu: &Device, bases: OffsetBases) -> [Vec<u32>; 6] {
     let mut random = Random(9);
     let mut input = |len: usize| gpu.buffer_from("input", &random.vec_f32(len, -0.5, 0.5)).expect("buffer");
     let len = SPLATS * bases.floats();
@@ -46,7 +35,6 @@ fn run(gpu: &Device, bases: OffsetBases) -> [Vec<u32>; 7] {
     let buffer = |name: &str, len: usize| gpu.buffer::<f32>(name, len).expect("buffer");
     let (mut base, mut colours) = (buffer("base", 4 * VISIBLE), buffer("colours", 4 * VISIBLE));
     let (mut v_offsets, mut values) = (buffer("v_offsets", len), buffer("values", pixel::VALUES));
-    let (neighbours, mut mixed) = (neighbours(gpu), buffer("mixed", len));
     let mut sums = SumScratch::new(gpu, len.div_ceil(4)).expect("scratch");
     let mut state = AdamState::new(gpu, "offsets", len).expect("state");
     let tail = Some(Tail { row: bases.floats(), head: 3, lr: 1e-3 });
@@ -62,12 +50,10 @@ fn run(gpu: &Device, bases: OffsetBases) -> [Vec<u32>; 7] {
         let blocks = Blocks { bases, degree: 3, dc: 1.0, rest: 0.5 };
         let term = Term { values: &mut values, slot: 1, weight: 10.0, accumulate: Accumulate::Add };
         offset_penalty::step(&mut rec, (&offsets, blocks), &mut v_offsets, term, &mut sums).expect("records");
-        let near = Neighbourhood { neighbours: &neighbours, row: bases.floats(), share: 0.4 };
-        neighbour_mean::mix(&mut rec, &v_offsets, &near, &mut mixed).expect("records");
-        adam::step(&mut rec, &mut offsets, &mixed, &mut state, &config).expect("records");
+        adam::step(&mut rec, &mut offsets, &v_offsets, &mut state, &config).expect("records");
         rec.submit().expect("runs");
     }
-    [&base, &colours, &v_offsets, &mixed, &values, &offsets, &state.exp_avg_sq].map(bits)
+    [&base, &colours, &v_offsets, &values, &offsets, &state.exp_avg_sq].map(bits)
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The quality gate: what it asks for, and that nothing but enough passes it.
 
+use guard4d_engine::watermark::embed::Aim;
 use guard4d_engine::watermark::evaluate::Evaluation;
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::gate::{Figure, Gate};
@@ -28,6 +29,7 @@ fn evaluation(marked: f64, psnr_db: f64) -> Evaluation {
         marked,
         marked_frames: marked,
         matches: vec![14; 6],
+        p_values: vec![1e-4, 1e-4, 1e-4, 1e-4, 1e-2, 0.5],
         clean: 0.5,
         clean_leak: leak.clone(),
         clean_bits: bits.clone(),
@@ -43,18 +45,27 @@ fn evaluation(marked: f64, psnr_db: f64) -> Evaluation {
 
 #[test]
 fn by_default_it_asks_for_what_verify_needs() {
-    let share = |bits| Gate::for_bits(bits).min_accuracy;
-    // Binomial tails: 30 of 32 and 41 of 48 matches reach 1e-6; 15 of 16 reach 1e-3, the rate of short messages.
-    assert_eq!((share(32), share(48)), (30.0 / 32.0, 41.0 / 48.0), "long messages");
-    assert_eq!(share(16), 15.0 / 16.0, "a short message");
-    assert_eq!(share(8), 1.0, "too short for any verdict");
-    assert_eq!(Gate::after_search(48, 4096).min_accuracy, 45.0 / 48.0, "the best of 4096 has to be better");
-    assert_eq!(Gate::for_bits(16).min_psnr_db, None, "no fidelity unless asked for");
+    let rate = |bits| Gate::for_bits(bits).fpr;
+    assert_eq!((rate(32), rate(48)), (1e-6, 1e-6), "long messages");
+    assert_eq!(rate(16), 1e-3, "a short message");
+    assert_eq!(rate(8), 1.0 / 256.0, "too short for any verdict: all bits");
+    assert_eq!(Gate::after_search(48, 4096).fpr, 1e-6 / 4096.0, "the best of 4096 has to be better");
+    let Gate { min_accuracy, min_psnr_db, min_proven, .. } = Gate::for_bits(16);
+    assert_eq!((min_accuracy, min_psnr_db), (None, None), "nothing else unless asked for");
+    assert_eq!(min_proven, 0.5, "of the clips, each alone");
+}
+
+#[test]
+fn training_that_ends_in_time_aims_at_it() {
+    let gate = Gate::for_bits(16);
+    assert_eq!(gate.aim(), Aim { p_value: 1e-3, accuracy: 0.0 });
+    let other = Gate { min_proven: 0.0, min_accuracy: Some(0.9), ..gate };
+    assert_eq!(other.aim(), Aim { p_value: 1.0, accuracy: 0.9 }, "bits alone");
 }
 
 #[test]
 fn figures_below_their_bound_are_named() {
-    let gate = Gate { min_accuracy: 0.875, min_psnr_db: Some(43.0) };
+    let gate = Gate { min_accuracy: Some(0.875), min_psnr_db: Some(43.0), ..Gate::for_bits(16) };
     assert_eq!(gate.missed(&evaluation(0.875, 43.0)), [], "the bound itself passes");
     assert_eq!(gate.missed(&evaluation(1.0, f64::INFINITY)), [], "identical pictures");
     assert_eq!(
@@ -71,13 +82,27 @@ fn figures_below_their_bound_are_named() {
 }
 
 #[test]
+fn clips_that_prove_nothing_alone_are_counted() {
+    let fine = evaluation(0.9, 43.0);
+    let missed = |rate: f64| Gate { fpr: rate, ..Gate::for_bits(16) }.missed(&fine);
+    assert_eq!(missed(1e-4), [], "four of six");
+    let [short] = missed(1e-5)[..] else { panic!("{:?}", missed(1e-5)) };
+    assert_eq!(short.to_string(), "marked clips that prove the message alone: 0.0 %, expected at least 50.0 %");
+    let worse = Evaluation { p_values: vec![1e-4, 1e-4, f64::NAN, f64::NAN, f64::NAN, 0.5], ..fine.clone() };
+    assert_eq!(Gate::for_bits(16).missed(&worse)[0].field, Figure::Proven, "two of six, and what is no number");
+    let none = Evaluation { p_values: Vec::new(), ..fine };
+    assert_eq!(Gate::for_bits(16).missed(&none).len(), 1, "no clip proves nothing");
+}
+
+#[test]
 fn bounds_that_are_none_are_refused() {
-    let fine = Gate { min_accuracy: 1.0, min_psnr_db: Some(-3.0) };
+    let fine = Gate { min_accuracy: Some(1.0), min_psnr_db: Some(-3.0), ..Gate::for_bits(16) };
     fine.validate().expect("all bits, any picture");
     for gate in [
-        Gate { min_accuracy: 1.5, ..fine },
-        Gate { min_accuracy: -0.1, ..fine },
-        Gate { min_accuracy: f64::NAN, ..fine },
+        Gate { min_proven: f64::NAN, ..fine },
+        Gate { min_accuracy: Some(1.5), ..fine },
+        Gate { min_accuracy: Some(-0.1), ..fine },
+        Gate { min_accuracy: Some(f64::NAN), ..fine },
         Gate { min_psnr_db: Some(f64::NAN), ..fine },
         Gate { min_psnr_db: Some(f64::INFINITY), ..fine },
     ] {

@@ -3,7 +3,7 @@
 use guard4d_engine::render::OffsetBases;
 use guard4d_engine::scene::gaussians::{CHANNELS, SH_FLOATS};
 use guard4d_engine::watermark::embed::{
-    EmbedConfig, Embedded, Embedding, Estimate, Ladder, Left, Profile, Rung, StepReport,
+    Aim, EmbedConfig, Embedded, Embedding, Estimate, Ladder, Left, Profile, Rung, StepReport,
 };
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_kernels::Device;
@@ -19,7 +19,7 @@ fn three_rungs(owner: &Owner) -> EmbedConfig {
     let first = Rung { bases: OffsetBases::Dc, reach: 0.5, views: 2, steps: 2 };
     let second = Rung { reach: 1.0, views: 3, ..first };
     let third = Rung { bases: OffsetBases::All, steps: 4, ..second };
-    let ladder = Ladder { rungs: vec![first, second, third], sure: 1.0, every: 2, patience: 100, held_out: 1 };
+    let ladder = Ladder { rungs: vec![first, second, third], aim: Aim { p_value: 0.0, accuracy: 1.0 }, every: 2, patience: 100, held_out: 1 };
     let small =
         EmbedConfig { responses: BITS as usize, size_px: (32, 32), steps: 60, views: 3, ..owner.config.clone() };
     // A mark that eight bits do not show is never enough.
@@ -96,12 +96,12 @@ fn a_mark_that_is_enough_settles_on_the_rung_where_it_is() {
     let owner = Owner::new(&gpu);
     let mut config = three_rungs(&owner).with_target(30.0);
     let ladder = config.ladder.as_mut().expect("there is one");
-    // Any mark will do, and no look brings more than all bits.
-    (ladder.sure, ladder.rungs[0].steps) = (0.0, 60);
+    // Any mark will do.
+    (ladder.aim, ladder.rungs[0].steps) = (Aim { p_value: 1.0, accuracy: 0.0 }, 60);
     let (reports, embedded) = train(prepare(&gpu, &owner, &config));
     let [rung] = embedded.rungs[..] else { panic!("one rung: {:?}", embedded.rungs) };
     assert_eq!(rung.left, Left::Enough, "{rung:?}");
-    assert!(rung.steps >= 4 && rung.steps.is_multiple_of(2), "two looks at least: {rung:?}");
+    assert_eq!(rung.steps, 4, "two looks: {rung:?}");
     assert_eq!((embedded.steps, reports.len()), (rung.steps + SETTLING, rung.steps + SETTLING), "steps");
 
     // Steps that end before a rung does are all that there are.
@@ -127,7 +127,7 @@ fn the_ladder_of_a_profile_keeps_extractor_and_bases() {
     let said = serde_json::to_value(&plain).expect("JSON");
     assert!(said["ladder"].is_null(), "as before there was a choice: {said}");
     for (bases, rungs) in [(OffsetBases::Dc, 2), (OffsetBases::All, 3)] {
-        let config = EmbedConfig { bases, ..plain.clone() }.climbing(0.9, 48);
+        let config = EmbedConfig { bases, ..plain.clone() }.climbing(Aim { p_value: 1e-6, accuracy: 0.0 }, 48);
         config.validate_for(48).expect("sensible");
         assert_eq!((config.mode, config.bases, config.responses), (plain.mode, bases, 48), "{config:?}");
         let ladder = config.ladder.expect("there is one");
@@ -136,7 +136,7 @@ fn the_ladder_of_a_profile_keeps_extractor_and_bases() {
         assert!(first.reach < 1.0 && first.views < plain.views, "less at first: {first:?}");
         assert_eq!((last.reach, last.views, last.bases), (1.0, plain.views, bases), "all at last");
     }
-    let mut bad = plain.climbing(0.9, 16);
+    let mut bad = plain.climbing(Aim { p_value: 1e-3, accuracy: 0.9 }, 16);
     bad.ladder.as_mut().expect("there is one").rungs.reverse();
     let refused = bad.validate().expect_err("downwards").to_string();
     assert!(refused.contains("ladder") && refused.contains("the one below"), "{refused}");

@@ -14,7 +14,6 @@ mod metrics;
 mod other_owners;
 mod prf;
 pub(crate) mod receipt;
-mod smoothing;
 mod spread;
 mod statistics;
 mod tmsd;

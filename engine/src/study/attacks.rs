@@ -2,7 +2,6 @@
 
 use super::chart::{Axis, Chart, Series};
 use super::methods::point;
-use super::pareto::SMOOTH;
 use super::plan::{Arm, Scale, Take};
 use super::report::Report;
 use super::summary::{self, Column, Findings};
@@ -65,10 +64,7 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
             arm(format!("{mode}, trained on distortions"), mode, distortions(&TRAINED)),
         ]
     };
-    let mut smooth =
-        arm(format!("{}, smoothed over neighbours", ExtractorMode::Blind), ExtractorMode::Blind, Vec::new());
-    smooth.config.smooth = SMOOTH;
-    modes.iter().flat_map(both).chain([smooth]).collect()
+    modes.iter().flat_map(both).collect()
 }
 
 const COLUMNS: [Column; 9] = [

@@ -30,10 +30,6 @@ const LENGTHS: [u32; 2] = [32, 48];
 const LPIPS_EVERY: [u32; 2] = [1, 4];
 /// Share of the light that the splats with offsets carry, where not all have offsets.
 const REACH: f32 = 0.9;
-/// Power of its light in a splat's rate, where rates differ.
-const VISIBILITY: f32 = 0.5;
-/// Share of its neighbours in what a splat follows, where gradients are smoothed.
-pub(super) const SMOOTH: f32 = 0.5;
 
 /// The default, and every setting around it.
 pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
@@ -55,8 +51,6 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
         with("constant rates".to_owned(), &|config| config.lr_floor = 1.0),
         with("cross-entropy instead of a margin".to_owned(), &|config| config.margin = 0.0),
         with(format!("splats with {REACH} of the light"), &|config| config.reach = REACH),
-        with(format!("rates by light^{VISIBILITY}"), &|config| config.visibility = VISIBILITY),
-        with("gradients smoothed over neighbours".to_owned(), &|config| config.smooth = SMOOTH),
         with("half of the clips".to_owned(), &|config| config.views = (config.views / 2).max(1)),
     ];
     let steps: &[(usize, usize)] = if scale.quick { &STEPS[..2] } else { &STEPS };
@@ -145,7 +139,7 @@ fn is_comparable(group: &Group<'_>) -> bool {
     group.rows.iter().all(|row| row.p_value.is_some() && row.bits == DEFAULT_BITS)
 }
 
-const COLUMNS: [Column; 14] = [
+const COLUMNS: [Column; 15] = [
     summary::ARM,
     summary::ROWS,
     summary::SECONDS,
@@ -153,6 +147,7 @@ const COLUMNS: [Column; 14] = [
     summary::STEPS,
     ("offsets", |g| g.decimals(|r| r.offsets.map(|n| n as f64), 0)),
     summary::MARKED,
+    summary::PROVEN,
     summary::PSNR,
     summary::SSIM,
     summary::LPIPS,

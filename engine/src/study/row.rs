@@ -7,7 +7,7 @@ use crate::error::EngineError;
 use crate::watermark::cross_examination::CrossExamination;
 use crate::watermark::embed::EmbedConfig;
 use crate::watermark::evaluate::Evaluation;
-use crate::watermark::evidence::{PStatement, Verdict};
+use crate::watermark::evidence::{PStatement, Thresholds, Verdict};
 use crate::watermark::id_code::SearchedP;
 use crate::watermark::null_panel::{ControlState, Leak};
 
@@ -54,6 +54,8 @@ pub struct Row {
     pub frames: Option<f64>,
     /// Clips read without a wrong bit.
     pub exact: Option<f64>,
+    /// Clips that each prove the message alone.
+    pub proven: Option<f64>,
     /// The message's bits in clean clips.
     pub clean: Option<f64>,
     /// Whether that is inside the two-sided 99 % band.
@@ -182,6 +184,7 @@ impl Row {
             marked: Some(e.marked),
             frames: Some(e.marked_frames),
             exact: Some(e.exact() as f64 / e.clips.max(1) as f64),
+            proven: Some(e.proven(Thresholds::for_bits(e.bits).fpr)),
             clean: Some(e.clean),
             clean_in_band: quiet(&e.clean_leak),
             clean_bit_bias: Some(e.clean_bits.max_deviation),
@@ -213,6 +216,11 @@ impl Row {
             untrained: x.untrained.as_ref().map(Leak::share),
             ..self
         }
+    }
+
+    /// Whether all clips together prove the message, by `verify`'s test and at its rate.
+    pub(super) fn is_read(&self) -> bool {
+        self.p_soft.is_some_and(|p| p <= Thresholds::for_bits(self.bits as usize).fpr)
     }
 
     /// The file's first line.

@@ -8,7 +8,6 @@ use super::row::Row;
 use super::scene::Variant;
 use super::summary::{self, Column, Findings, Found, Group};
 use super::table::Table;
-use crate::watermark::gate::Gate;
 
 /// Scenes that are hard in one way each.
 const VARIANTS: [Variant; 12] = [
@@ -77,12 +76,6 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
     std::iter::once(usual.clone()).chain(varied).chain(lengthened).chain(sized).collect()
 }
 
-/// Whether a row has the bits that `verify` needs to say present.
-fn is_read(row: &Row) -> bool {
-    let needed = Gate::for_bits(row.bits as usize).min_accuracy;
-    row.marked.is_some_and(|marked| marked >= needed)
-}
-
 /// What is known of why a row fails.
 fn cause(row: &Row, usual: Option<f64>) -> String {
     if !row.error.is_empty() {
@@ -116,12 +109,13 @@ const FAINT_DB: f64 = 3.0;
 /// Shares of bits that differ by less are alike: one bit of 16 in half of six clips.
 const NEAR: f64 = 0.03;
 
-const COLUMNS: [Column; 12] = [
+const COLUMNS: [Column; 13] = [
     summary::ARM,
     summary::TAKE,
     summary::ROWS,
     summary::MARKED,
     summary::FRAMES,
+    summary::PROVEN,
     summary::CLEAN,
     summary::NOISY,
     summary::PSNR,
@@ -158,7 +152,7 @@ pub(super) fn report(findings: &Findings) -> Report {
 
 /// Every row that `verify` could not accept.
 fn failures(findings: &Findings, usual: Option<f64>) -> Table {
-    let failed = findings.rows().filter(|found| !is_read(&found.row));
+    let failed = findings.rows().filter(|found| !found.row.is_read());
     let line = |found: &Found| {
         let row = &found.row;
         let percent = row.marked.map(|m| format!("{:.1}", 100.0 * m)).unwrap_or_default();
@@ -166,7 +160,7 @@ fn failures(findings: &Findings, usual: Option<f64>) -> Table {
     };
     Table {
         title: "Failures".to_owned(),
-        note: "Readings whose clips show, on average, fewer of the message's bits than `verify` needs to say present."
+        note: "Readings whose clips, all together, do not prove the message by `verify`'s test at its rate."
             .to_owned(),
         head: ["arm", "film", "scene", "seed", "bits right, %", "cause"].map(str::to_owned).to_vec(),
         rows: failed.map(line).collect(),
@@ -179,12 +173,12 @@ mod tests {
 
     #[test]
     fn failures_have_causes() {
-        let row = Row { bits: 16, target_db: 43.0, marked: Some(0.6), psnr_db: Some(49.0), ..Row::default() };
-        assert!(!is_read(&row), "60 % of 16 bits is no message");
+        let row = Row { bits: 16, target_db: 43.0, marked: Some(0.6), p_soft: Some(2e-3), psnr_db: Some(49.0), ..Row::default() };
+        assert!(!row.is_read(), "too much like chance for 16 bits");
         assert!(cause(&row, Some(0.95)).contains("faint: 49.0 dB"), "{}", cause(&row, Some(0.95)));
         assert!(cause(&row, Some(0.6)).contains("no worse than the usual"), "a bad seed, not a bad scene");
         let refused = Row { error: "too long".to_owned(), ..Row::default() };
-        assert_eq!((is_read(&refused), cause(&refused, None)), (false, "too long".to_owned()), "its own words");
-        assert!(is_read(&Row { bits: 16, marked: Some(1.0), ..Row::default() }), "all bits");
+        assert_eq!((refused.is_read(), cause(&refused, None)), (false, "too long".to_owned()), "its own words");
+        assert!(Row { bits: 16, p_soft: Some(1e-3), ..Row::default() }.is_read(), "the rate itself");
     }
 }

@@ -159,6 +159,7 @@ pub(super) const ROWS: Column = ("embeddings", |g| g.rows.len().to_string());
 pub(super) const MARKED: Column = ("bits right, %", |g| g.percent_range(|r| r.marked));
 pub(super) const FRAMES: Column = ("frame by frame, %", |g| g.percent(|r| r.frames));
 pub(super) const EXACT: Column = ("clips without a wrong bit, %", |g| g.percent(|r| r.exact));
+pub(super) const PROVEN: Column = ("clips that prove it alone, %", |g| g.percent(|r| r.proven));
 pub(super) const PSNR: Column = ("PSNR, dB", |g| g.decimals(|r| r.psnr_db, 2));
 pub(super) const OBJECT: Column = ("PSNR of the object, dB", |g| g.decimals(|r| r.object_psnr_db, 2));
 pub(super) const SSIM: Column = ("SSIM", |g| g.decimals(|r| r.ssim, 4));

@@ -5,10 +5,9 @@
 
 use serde::Serialize;
 
-use super::delivery::thresholds;
 use super::embed::Subject;
 use super::evaluate::{HeldOut, leak, read_clips};
-use super::evidence::{Claim, Evidence, judge};
+use super::evidence::{Claim, Evidence, Thresholds, judge};
 use super::extractor::{ExtractorWeights, Reader, Sight};
 use super::key::Key;
 use super::message::Message;
@@ -127,7 +126,7 @@ fn evidence(
         side_px: sides.min().unwrap_or(0),
         controls,
     };
-    judge(&claim, &thresholds(subject.key.bits()))
+    judge(&claim, &Thresholds::for_bits(subject.key.bits()))
 }
 
 /// The message of the second copy in a swap: it shares half of its bits with the first one's.

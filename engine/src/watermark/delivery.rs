@@ -31,10 +31,6 @@ pub const EXTRACTOR: &str = "extractor.safetensors";
 pub const RECEIPT: &str = "receipt.json";
 /// Undo file in [`PRIVATE`].
 pub const UNDO: &str = "undo.safetensors";
-/// False-positive rate asked for by messages too short for the default one.
-const SHORT_MESSAGE_FPR: f64 = 1e-3;
-/// Bits from which the default rate can be reached (method: 32 bits reach 1e-6).
-const LONG_MESSAGE_BITS: usize = 32;
 
 /// A finished embedding on its way to disk.
 #[derive(Debug)]
@@ -49,13 +45,6 @@ pub struct Delivery<'a> {
     pub input: &'a Path,
     /// Kind of id that the message carries, if it does.
     pub payload: Option<IdBits>,
-}
-
-/// The decision rule that goes with a message length.
-#[must_use]
-pub fn thresholds(bits: usize) -> Thresholds {
-    let default = Thresholds::default();
-    if bits >= LONG_MESSAGE_BITS { default } else { Thresholds { fpr: SHORT_MESSAGE_FPR, ..default } }
 }
 
 /// Writes everything into the existing folder `out`, the receipt last, and evaluates the mark on `cameras`. Returns the
@@ -124,7 +113,7 @@ fn promise(delivery: &Delivery<'_>) -> Result<Promise, EngineError> {
         extractor: Some(extractor.digest(key)?),
         clip: key.clip,
         preprocess: PREPROCESS.to_owned(),
-        thresholds: thresholds(key.bits()),
+        thresholds: Thresholds::for_bits(key.bits()),
     })
 }
 

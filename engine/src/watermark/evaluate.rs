@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::evidence::ExtractorMode;
 use super::extractor::{ExtractorWeights, Reader};
+use super::id_code::SearchedP;
 use super::key::Key;
 use super::message::Message;
 use super::metrics::{Picture, PsnrSummary, SquaredError, foreground, ssim};
@@ -54,6 +55,8 @@ pub struct Evaluation {
     pub marked_frames: f64,
     /// Matches of each marked clip.
     pub matches: Vec<u32>,
+    /// p-value of each marked clip alone, by the soft score; for `joint` what it would be if R had not seen the message.
+    pub p_values: Vec<f64>,
     /// Share of the message's bits that clean clips show.
     pub clean: f64,
     /// The same count against what chance gives.
@@ -173,6 +176,8 @@ impl HeldOut {
         let clean = read_clips(&mut reader, &self.clean, key.bits())?;
         let noisy = read_clips(&mut reader, &noisy, key.bits())?;
         let matches = marked.iter().map(|r| r.matches(message)).collect::<Result<Vec<_>, _>>()?;
+        let p_of = |r: &Reading| SearchedP::of(r, message, 1).map(|p| p.soft_score);
+        let p_values = marked.iter().map(p_of).collect::<Result<Vec<_>, _>>()?;
         let frames = marked.iter().map(|r| r.frame_accuracy(message)).collect::<Result<Vec<_>, _>>()?;
         Ok(Evaluation {
             mode: extractor.mode,
@@ -181,6 +186,7 @@ impl HeldOut {
             marked: mean_accuracy(&marked, message)?,
             marked_frames: frames.iter().map(|f| f.mean).sum::<f64>() / frames.len().max(1) as f64,
             matches,
+            p_values,
             clean: mean_accuracy(&clean, message)?,
             clean_leak: leak(&clean, message)?,
             clean_bits: PerBit::of(&clean, message)?,
@@ -208,6 +214,12 @@ impl Evaluation {
     #[must_use]
     pub fn exact(&self) -> usize {
         self.matches.iter().filter(|&&matches| matches as usize == self.bits).count()
+    }
+
+    /// Share of the marked clips that each prove the message alone, at a false-positive rate of `fpr`.
+    #[must_use]
+    pub fn proven(&self, fpr: f64) -> f64 {
+        self.p_values.iter().filter(|&&p| p <= fpr).count() as f64 / self.p_values.len().max(1) as f64
     }
 }
 

@@ -12,6 +12,11 @@ use super::reading::{Reading, Spread};
 use super::statistics::{after_search, empirical_fpr_bound, match_p_value, required_matches};
 use crate::EngineError;
 
+/// False-positive rate asked for by messages too short for the default one.
+const SHORT_MESSAGE_FPR: f64 = 1e-3;
+/// Bits from which the default rate can be reached (method: 32 bits reach 1e-6).
+const LONG_MESSAGE_BITS: usize = 32;
+
 /// How the extractor came about, which decides what may be claimed from it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -88,6 +93,13 @@ impl Default for Thresholds {
 }
 
 impl Thresholds {
+    /// The rule that goes with a message length.
+    #[must_use]
+    pub fn for_bits(bits: usize) -> Self {
+        let default = Self::default();
+        if bits >= LONG_MESSAGE_BITS { default } else { Self { fpr: SHORT_MESSAGE_FPR, ..default } }
+    }
+
     /// Whether this rule says "present" no more easily than `other` does. A rate that is no number is easier than any.
     ///
     /// Both tests are exact, so that either may decide. `control_level` is how often controls fire by chance: controls that

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use guard4d_kernels::Device;
 
-use super::delivery::{EXTRACTOR, thresholds};
+use super::delivery::EXTRACTOR;
 use super::digest::Digest;
-use super::evidence::{Claim, Evidence, judge};
+use super::evidence::{Claim, Evidence, Thresholds, judge};
 use super::extractor::{ExtractorWeights, PREPROCESS, Reader, Sight, decode};
 use super::id_code::{IdBits, IdCode, IdReading, SearchedP};
 use super::key::Key;
@@ -330,7 +330,7 @@ impl Case<'_> {
     /// receipt could write any rule into it.
     fn check_rule(&self, receipt: &Receipt) -> Result<(), EngineError> {
         let promise = &receipt.body.promise;
-        let rule = thresholds(self.key.bits());
+        let rule = Thresholds::for_bits(self.key.bits());
         if !promise.thresholds.is_as_strict_as(&rule) {
             let expected = format!("a rule at least as strict as {rule:?}");
             return Err(bad(self.receipt, "thresholds", format!("{:?}", promise.thresholds), expected));

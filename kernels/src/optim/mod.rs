@@ -1,4 +1,3 @@
-//! Optimisers, and what is done to gradients before them.
+//! Optimisers.
 
 pub mod adam;
-pub mod neighbour_mean;

@@ -1,2 +1,1 @@
 mod adam;
-mod neighbour_mean;

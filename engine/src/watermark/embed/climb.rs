@@ -71,7 +71,7 @@ impl Embedding<'_> {
         let before = clips.training();
         clips.use_training(self.active.views as usize);
         if let Some(light) = &self.light {
-            let rates = || visibility::rates(device, (light, stage), &self.active);
+            let rates = || visibility::rates(device, (light, stage), self.active.reach);
             stage.offsets_state.rates = clips.with_room(rates)?;
         }
         if is_wider || clips.training() != before {

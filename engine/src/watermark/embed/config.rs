@@ -1,6 +1,5 @@
 //! What an embedding is asked to do.
 
-use std::ops::RangeInclusive;
 use std::str::FromStr;
 use std::sync::Arc;
 
@@ -9,12 +8,12 @@ use guard4d_kernels::loss::bce::Objective;
 use rand_chacha::ChaCha20Rng;
 use serde::{Serialize, Serializer};
 
-use super::ladder::{Ladder, Rung, name_of_bases};
+use super::ladder::{Aim, Ladder, Rung, name_of_bases};
 use crate::distortion::{Distortion, Drawn};
 use crate::error::EngineError;
 use crate::lpips::{LpipsInput, LpipsWeights};
 use crate::render::OffsetBases;
-use crate::watermark::evidence::ExtractorMode;
+use crate::watermark::evidence::{ExtractorMode, Thresholds};
 use crate::watermark::prf::{uniform_below, uniform_unit};
 use crate::watermark::tmsd::TmsdConfig;
 
@@ -43,8 +42,6 @@ const RUNG_STEPS: usize = 100;
 const PATIENCE: u32 = 2;
 /// Least fidelity that an embedding can be held to, dB: a hold that never binds.
 const UNBOUND_PSNR: f32 = 20.0;
-/// Powers of its light that a splat's rate may grow with.
-const VISIBILITY_POWERS: RangeInclusive<f32> = -2.0..=2.0;
 /// How far below the target the hold starts, dB.
 const START_SLACK_DB: f32 = 2.0;
 
@@ -257,14 +254,6 @@ pub struct EmbedConfig {
     /// others stay as they are. 1 is all splats.
     #[serde(skip_serializing_if = "is_whole")]
     pub reach: f32,
-    /// Power of a splat's light, against the median of all, that its rate is multiplied by, within bounds: above 0, splats
-    /// that show move faster than those that hardly do. 0 gives all the same rate.
-    #[serde(skip_serializing_if = "is_zero")]
-    pub visibility: f32,
-    /// Share of the mean over the nearest splats in what each splat's offsets follow, 0 to 1: a bias towards low spatial
-    /// frequencies. 0 leaves each to its own gradient.
-    #[serde(skip_serializing_if = "is_zero")]
-    pub smooth: f32,
     /// Adam's rate for R in `joint`.
     pub lr_tmsd: f32,
     /// Share of the rates that is left at the end of the cosine.
@@ -349,8 +338,6 @@ impl EmbedConfig {
             lr_dc: 0.0,
             lr_rest_share: 0.05,
             reach: 1.0,
-            visibility: 0.0,
-            smooth: 0.0,
             lr_tmsd: 1e-3,
             lr_floor: 0.05,
             margin: 6.0,
@@ -432,11 +419,11 @@ impl EmbedConfig {
 
     /// The same, but no more of it than the asset needs. Training begins with the DC terms of the splats that carry most of
     /// the light and half of the views, goes on to all splats and views, and then, with `bases` of `all`, to all
-    /// coefficients. It climbs where held-out clips show no more progress, and ends at the top, or when they show a share
-    /// `sure` of the message's `bits` beyond doubt at the target fidelity. That fidelity is held from the start, so that
+    /// coefficients. It climbs where held-out clips show no more progress, and ends at the top, or when they show
+    /// what `aim` asks for at the target fidelity. That fidelity is held from the start, so that
     /// this can be soon, and the calibration makes do with half of the random fields. The extractor stays of its mode.
     #[must_use]
-    pub fn climbing(self, sure: f32, bits: usize) -> Self {
+    pub fn climbing(self, aim: Aim, bits: usize) -> Self {
         let dc = |reach: f32, views: u32| Rung { bases: OffsetBases::Dc, reach, views, steps: RUNG_STEPS };
         let mut rungs = vec![dc(MOST_LIGHT.min(self.reach), self.views.div_ceil(2)), dc(self.reach, self.views)];
         if self.bases == OffsetBases::All {
@@ -445,7 +432,7 @@ impl EmbedConfig {
         // Nothing is left for later on the last one: with 100 steps there, fox was left at 82 % of bits instead of 95 %.
         rungs.iter_mut().last().expect("there are two").steps = self.steps.max(1);
         let every = DEFAULT_HELD_OUT_EVERY;
-        let ladder = Some(Ladder { rungs, sure, every, patience: PATIENCE, held_out: CLIMBING_HELD_OUT });
+        let ladder = Some(Ladder { rungs, aim, every, patience: PATIENCE, held_out: CLIMBING_HELD_OUT });
         let responses = self.responses.div_ceil(2).max(bits);
         Self { start_psnr: self.target_psnr, responses, ladder, ..self }
     }
@@ -475,10 +462,15 @@ impl EmbedConfig {
         }
     }
 
+    /// False-positive rate at which held-out clips prove a message of `bits` bits.
+    pub(super) fn proof(&self, bits: usize) -> f64 {
+        self.ladder.as_ref().map_or_else(|| Thresholds::for_bits(bits).fpr, |ladder| ladder.aim.p_value)
+    }
+
     /// Whether splats have rates of their own.
     pub(super) fn rates_differ(&self) -> bool {
         let reaches = self.ladder.iter().flat_map(|ladder| &ladder.rungs).map(|rung| rung.reach);
-        self.visibility != 0.0 || reaches.chain([self.reach]).any(|reach| reach < 1.0)
+        reaches.chain([self.reach]).any(|reach| reach < 1.0)
     }
 
     /// Whether SSIM is part of the loss.
@@ -570,7 +562,7 @@ impl EmbedConfig {
             return Err(EngineError::Usage {
                 what: "ladder".to_owned(),
                 got: format!("{ladder:?}"),
-                expected: "rungs that each have as much as the one below, a share from 0 to 1 of bits, and no zeros"
+                expected: "rungs that each have as much as the one below, a p-value and a share from 0 to 1, and no zeros"
                     .to_owned(),
             });
         }
@@ -591,8 +583,6 @@ impl EmbedConfig {
             weight("lr_floor", self.lr_floor),
             weight("margin", self.margin),
             ("reach", f64::from(self.reach), self.reach > 0.0 && self.reach <= 1.0),
-            ("visibility", f64::from(self.visibility), VISIBILITY_POWERS.contains(&self.visibility)),
-            ("smooth", f64::from(self.smooth), (0.0..=1.0).contains(&self.smooth)),
             ("lambda_ssim", f64::from(self.lambda_ssim), (0.0..=1.0).contains(&self.lambda_ssim)),
         ];
         for (what, got, fine) in checks {
@@ -600,9 +590,7 @@ impl EmbedConfig {
                 return Err(EngineError::Usage {
                     what: what.to_owned(),
                     got: got.to_string(),
-                    expected:
-                        "a sensible number, not negative (PSNR: 20 to 80 dB; reach, smooth: at most 1; visibility: -2 to 2)"
-                            .to_owned(),
+                    expected: "a sensible number, not negative (PSNR: 20 to 80 dB; reach: at most 1)".to_owned(),
                 });
             }
         }
@@ -639,11 +627,6 @@ fn is_one(number: &u32) -> bool {
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
 fn is_whole(share: &f32) -> bool {
     *share >= 1.0
-}
-
-#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
-fn is_zero(number: &f32) -> bool {
-    *number == 0.0
 }
 
 fn name_of_weights<S: Serializer>(weights: &Arc<LpipsWeights>, serializer: S) -> Result<S::Ok, S::Error> {

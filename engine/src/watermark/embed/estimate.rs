@@ -38,7 +38,7 @@ pub struct Estimate {
     pub budget_bytes: Option<u64>,
     /// Clips that are in memory at one time; the others are made again when their turn comes.
     pub clips_in_memory: usize,
-    /// Seconds for planning, those for making clips again and for finding neighbours among them.
+    /// Seconds for planning, those for making clips again among them.
     pub plan_seconds: f64,
     /// Seconds for fitting the extractor.
     pub fit_seconds: f64,
@@ -86,9 +86,7 @@ impl Estimate {
         let room = budget.map_or(u64::MAX, |bytes| bytes.saturating_sub(resident_bytes));
         let in_memory = usize::try_from(room / clip_bytes.max(1)).unwrap_or(usize::MAX).clamp(1, clips);
         let missed = 1.0 - in_memory as f64 / clips as f64;
-        // It is done once, however many clips there are.
-        let search = embedding.stage.smoothing.as_ref().map_or(0.0, |smoothing| smoothing.search_seconds);
-        let per_clip = (embedding.seconds["plan"] - search) / sampled as f64;
+        let per_clip = embedding.seconds["plan"] / sampled as f64;
         let passes = |config: &EmbedConfig, clips: usize| {
             let zero = PASSES_PER_ZERO * clips.min(super::fit::ZERO_CLIPS);
             (PASSES_PER_CLIP * clips + PASSES_PER_RESPONSE * config.responses + zero) as f64
@@ -106,7 +104,7 @@ impl Estimate {
             peak_memory_bytes: budget.map_or(all, |bytes| all.min(bytes)),
             budget_bytes: budget,
             clips_in_memory: in_memory,
-            plan_seconds: search + per_clip * (clips as f64 + missed * asked),
+            plan_seconds: per_clip * (clips as f64 + missed * asked),
             fit_seconds: embedding.seconds["fit"] * fitted / passes(&few, embedding.clips.training().len()),
             train_seconds: timed / timed_steps as f64 * config.steps as f64 + measuring * measured as f64,
         })

@@ -37,13 +37,28 @@ pub struct Rung {
     pub steps: usize,
 }
 
+/// What held-out clips must show for a mark to be good enough.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Aim {
+    /// Largest p-value of each clip alone, see [`HeldOutReport::proven`]; 1 asks for nothing.
+    pub p_value: f64,
+    /// Least share of the message's bits right, see [`HeldOutReport::clip_accuracy`].
+    pub accuracy: f64,
+}
+
+impl Aim {
+    fn is_met(&self, report: &HeldOutReport) -> bool {
+        report.proven >= 1.0 && f64::from(report.clip_accuracy) >= self.accuracy
+    }
+}
+
 /// Rungs, and when the next is climbed and the last left.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Ladder {
     /// From the least to the most.
     pub rungs: Vec<Rung>,
-    /// Share of the message's bits that held-out clips must show beyond doubt, see [`HeldOutReport::sure`].
-    pub sure: f32,
+    /// When the mark is good enough.
+    pub aim: Aim,
     /// Steps from one look at the held-out clips to the next, at least 1.
     pub every: usize,
     /// Looks in a row without progress after which a rung has given what it can, at least 1.
@@ -61,7 +76,8 @@ impl Ladder {
         };
         let fits = |r: &Rung| r.reach > 0.0 && r.reach <= 1.0 && (1..=views).contains(&r.views) && r.steps > 0;
         let counts = self.every > 0 && self.patience > 0 && self.held_out > 0 && !self.rungs.is_empty();
-        counts && (0.0..=1.0).contains(&self.sure) && self.rungs.iter().all(fits) && self.rungs.windows(2).all(grows)
+        let aims = (0.0..=1.0).contains(&self.aim.p_value) && (0.0..=1.0).contains(&self.aim.accuracy);
+        counts && aims && self.rungs.iter().all(fits) && self.rungs.windows(2).all(grows)
     }
 }
 
@@ -72,16 +88,18 @@ pub struct Look {
     pub step: usize,
     /// See [`HeldOutReport::bit_accuracy`].
     pub bit_accuracy: f32,
-    /// See [`HeldOutReport::sure`].
-    pub sure: f32,
+    /// See [`HeldOutReport::clip_accuracy`].
+    pub clip_accuracy: f32,
+    /// See [`HeldOutReport::proven`].
+    pub proven: f32,
     /// See [`HeldOutReport::psnr`].
     pub psnr: Decibels,
 }
 
 impl Look {
     pub(super) fn new(step: usize, report: &HeldOutReport) -> Self {
-        let HeldOutReport { bit_accuracy, sure, psnr } = *report;
-        Self { step, bit_accuracy, sure, psnr: Decibels(f64::from(psnr)) }
+        let HeldOutReport { bit_accuracy, clip_accuracy, proven, psnr } = *report;
+        Self { step, bit_accuracy, clip_accuracy, proven, psnr: Decibels(f64::from(psnr)) }
     }
 }
 
@@ -152,7 +170,7 @@ impl Standing {
         if self.decided_at.is_some() {
             return Verdict::Stay;
         }
-        let is_met = report.sure >= ladder.sure && report.psnr >= target_psnr - PSNR_SLACK_DB;
+        let is_met = ladder.aim.is_met(report) && report.psnr >= target_psnr - PSNR_SLACK_DB;
         self.met = if is_met { self.met + 1 } else { 0 };
         let has_gained = report.bit_accuracy >= self.best + GAIN;
         if has_gained {
@@ -160,8 +178,7 @@ impl Standing {
         } else if report.psnr <= target_psnr + GROWN_DB {
             self.flat += 1;
         }
-        // What is enough is not left as long as every look brings more.
-        let left = if self.met >= LOOKS && !has_gained {
+        let left = if self.met >= LOOKS {
             Left::Enough
         } else if self.flat >= ladder.patience {
             Left::Flat
@@ -218,14 +235,15 @@ mod tests {
     fn ladder() -> Ladder {
         let dc = Rung { bases: OffsetBases::Dc, reach: 0.9, views: 2, steps: 100 };
         let rungs = vec![dc, Rung { reach: 1.0, views: 4, ..dc }];
-        Ladder { rungs, sure: 0.75, every: 10, patience: 2, held_out: 3 }
+        Ladder { rungs, aim: Aim { p_value: 1e-3, accuracy: 0.75 }, every: 10, patience: 2, held_out: 3 }
     }
 
-    /// Verdicts on looks after every ten steps; shares of bits right and beyond doubt, PSNR. Climbs as told to.
+    /// Verdicts on looks after every ten steps; shares of bits right and of clips that prove it, PSNR. Climbs as told to.
     fn verdicts(looks: &[(f32, f32, f32)]) -> Vec<Verdict> {
         let (ladder, mut standing) = (ladder(), Standing::default());
-        let mut judge = |(i, &(bit_accuracy, sure, psnr)): (usize, &(f32, f32, f32))| {
-            let (step, report) = (10 * (i + 1), HeldOutReport { bit_accuracy, sure, psnr });
+        let mut judge = |(i, &(bit_accuracy, proven, psnr)): (usize, &(f32, f32, f32))| {
+            let step = 10 * (i + 1);
+            let report = HeldOutReport { bit_accuracy, clip_accuracy: bit_accuracy, proven, psnr };
             let verdict = standing.judge(&ladder, 40.0, step, &report);
             if let Verdict::Climb(left) = verdict {
                 let look = Look::new(step, &report);
@@ -251,20 +269,17 @@ mod tests {
     }
 
     #[test]
-    fn two_looks_that_show_enough_end_it_but_not_while_each_brings_more() {
+    fn two_looks_in_a_row_at_which_every_clip_proves_it_end_it() {
         use Verdict::{End, Stay};
         let end = End(Left::Enough);
-        assert_eq!(verdicts(&[(0.9, 0.75, 41.0), (0.9, 0.75, 41.0)]), [Stay, end]);
-        assert_eq!(verdicts(&[(0.9, 0.75, 39.75), (0.9, 0.8, 39.8)]), [Stay, end], "within the slack");
-        let rising = verdicts(&[(0.9, 0.75, 41.0), (0.92, 0.8, 41.0), (0.94, 0.9, 41.0), (0.94, 0.9, 41.0)]);
-        assert_eq!(rising, [Stay, Stay, Stay, end], "each brings more");
+        assert_eq!(verdicts(&[(0.9, 1.0, 41.0), (0.9, 1.0, 41.0)]), [Stay, end]);
+        assert_eq!(verdicts(&[(0.9, 1.0, 39.75), (0.92, 1.0, 39.8)]), [Stay, end], "within the slack, and still growing");
+        assert_eq!(verdicts(&[(0.75, 1.0, 44.0), (0.75, 1.0, 44.0)]), [Stay, end], "the least share of bits");
+        let (yes, no) = ((0.9, 1.0, 41.0), (0.9, 0.99, 41.0));
+        assert_eq!(verdicts(&[yes, no, yes, yes]), [Stay, Stay, Stay, end], "not in a row");
+        assert_eq!(verdicts(&[(0.74, 1.0, 41.0); 3]), [Stay; 3], "too few bits");
         let climbs = Verdict::Climb(Left::Flat);
-        assert_eq!(
-            verdicts(&[(0.9, 0.75, 40.1), (0.9, 0.7, 40.1), (0.9, 0.75, 40.1)]),
-            [Stay, Stay, climbs],
-            "not in a row"
-        );
-        assert_eq!(verdicts(&[(0.9, 0.8, 39.0), (0.9, 0.8, 39.0), (0.9, 0.8, 39.0)]), [Stay, Stay, climbs], "too loud");
+        assert_eq!(verdicts(&[(0.9, 1.0, 39.0), (0.9, 1.0, 39.0), (0.9, 1.0, 39.0)]), [Stay, Stay, climbs], "too loud");
         let faint = verdicts(&[(0.6, 0.5, 45.0); 9]);
         assert_eq!(faint, [Stay; 9], "a mark that still grows is not done");
         let none = f32::NAN;
@@ -288,8 +303,8 @@ mod tests {
             &|l| l.rungs[0].bases = OffsetBases::All,
             &|l| l.rungs[0].reach = f32::NAN,
             &|l| l.rungs[1].steps = 0,
-            &|l| l.sure = f32::NAN,
-            &|l| l.sure = 1.5,
+            &|l| l.aim.p_value = f64::NAN,
+            &|l| l.aim.accuracy = 1.5,
             &|l| l.every = 0,
             &|l| l.patience = 0,
             &|l| l.held_out = 0,

@@ -9,7 +9,6 @@ mod cost;
 mod estimate;
 mod fit;
 mod ladder;
-mod neighbours;
 mod perception;
 mod pool;
 mod repeated;
@@ -25,7 +24,7 @@ use rand_chacha::ChaCha20Rng;
 pub use config::{Control, ControlClips, EmbedConfig, LpipsTerm, Profile};
 pub use cost::StepPart;
 pub use estimate::Estimate;
-pub use ladder::{Ladder, Left, Look, Rung, RungReport};
+pub use ladder::{Aim, Ladder, Left, Look, Rung, RungReport};
 pub use repeated::Repetition;
 pub use step::{HeldOutReport, StepReport};
 pub use visibility::within_reach;
@@ -230,7 +229,6 @@ impl<'a> Embedding<'a> {
         if self.step >= self.standing.steps(&self.config) {
             return Ok(None);
         }
-        self.keep_up_smoothing()?;
         let (started, rung) = (Instant::now(), self.standing.rung);
         let config = &self.active;
         let (index, mut rng) = draw(self.subject.key, config.seed, self.step, self.clips.training().len());

@@ -20,7 +20,6 @@ use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
 use super::clips::TrainingClip;
 use super::config::{ControlTurn, EmbedConfig};
 use super::copies::Copies;
-use super::neighbours::Smoothing;
 use super::perception::Perception;
 use super::pool::{ClipPool, is_over_budget};
 use super::repeated::Repeated;
@@ -32,6 +31,7 @@ use crate::scene::gaussians::CHANNELS;
 use crate::watermark::decoder::{Decoder, DecoderPass};
 use crate::watermark::extractor::{CLIP_FRAMES, FeatureExtractor, Training};
 use crate::watermark::message::Message;
+use crate::watermark::statistics::SoftScoreNull;
 
 /// Slots of the value buffer; `loss/pixel` fills the first two in this order.
 const MSE: usize = 0;
@@ -54,8 +54,6 @@ pub(super) struct Stage {
     pub(super) offsets: Buffer<f32>,
     pub(super) offsets_state: AdamState,
     pub(super) v_offsets: Buffer<f32>,
-    /// What smooths that gradient, if it is smoothed.
-    pub(super) smoothing: Option<Smoothing>,
     pub(super) penalty_sums: SumScratch,
     pub(super) raw: Buffer<f32>,
     pub(super) marked: Buffer<f32>,
@@ -88,7 +86,6 @@ impl Stage {
             offsets: device.buffer("offsets", offsets)?,
             offsets_state: AdamState::new(device, "offsets", offsets)?,
             v_offsets: device.buffer("v_offsets", offsets)?,
-            smoothing: Smoothing::new(device, &model.gaussians.means, config)?,
             penalty_sums: SumScratch::new(device, offsets.div_ceil(4))?,
             raw: full("raw")?,
             marked: full("marked")?,
@@ -152,18 +149,19 @@ pub struct StepReport {
     pub held_out: Option<HeldOutReport>,
 }
 
-/// Standard errors by which a mean logit lies beyond doubt on its side.
-const SURE_DEVIATIONS: f32 = 3.0;
-
 /// What a mark is worth on clips that no step is taken on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldOutReport {
     /// Share of the message's bits that the clips' frames carry. Where R is trained, the zero of each bit is the mean
     /// logit of the unmarked clips, because the extractor's own is set when training ends.
     pub bit_accuracy: f32,
-    /// Share of the message's bits that all these frames together show beyond doubt: whose mean logit lies on the right side of
-    /// that zero by three standard errors of the mean. Frames of a clip are alike, so that the true error is larger.
-    pub sure: f32,
+    /// The same of whole clips, as `verify` reads them: by the mean logits of their frames.
+    pub clip_accuracy: f32,
+    /// Share of the clips that each prove the message alone: by the soft score, at the p-value of the ladder's [`Aim`] or,
+    /// without one, at the rate of `verify`.
+    ///
+    /// [`Aim`]: super::Aim
+    pub proven: f32,
     /// Fidelity in dB, marked against unmarked 8-bit frames; infinite where no mark shows.
     pub psnr: f32,
 }
@@ -441,7 +439,7 @@ impl Critic {
         Ok(())
     }
 
-    /// Back through resize and renderer, smoothing where it is asked for, then Adam.
+    /// Back through resize and renderer, then Adam.
     fn update(
         &mut self,
         rec: &mut Recorder,
@@ -467,11 +465,7 @@ impl Critic {
             let v_offsets = &mut stage.v_offsets;
             offset_penalty::step(rec, (&stage.offsets, blocks), v_offsets, term, &mut stage.penalty_sums)?;
         }
-        let v_offsets = match &mut stage.smoothing {
-            Some(smoothing) => smoothing.smooth(rec, &stage.v_offsets)?,
-            None => &stage.v_offsets,
-        };
-        adam::step(rec, &mut stage.offsets, v_offsets, &mut stage.offsets_state, &offset_adam(config, rates))?;
+        adam::step(rec, &mut stage.offsets, &stage.v_offsets, &mut stage.offsets_state, &offset_adam(config, rates))?;
         if self.training() == Training::Tmsd
             && let Some(tmsd) = self.features.tmsd()
         {
@@ -558,12 +552,14 @@ impl Critic {
         let psnr = -10.0 * (squares / clips.len() as f32).log10();
         let zero = column_means(&unmarked, self.target.len());
         let bit_accuracy = share_right(&marked, &zero, &self.message);
-        let sure = share_sure(&marked, &zero, &self.message);
+        let readings: Vec<f32> = marked.chunks_exact(len).flat_map(|clip| column_means(clip, zero.len())).collect();
+        let clip_accuracy = share_right(&readings, &zero, &self.message);
         let sum: f32 = marked.iter().chain(&unmarked).sum();
         if psnr.is_nan() || !sum.is_finite() {
             return Err(EngineError::NotFinite { what: "held-out figures".to_owned(), got: f64::from(psnr + sum) });
         }
-        Ok(HeldOutReport { bit_accuracy, sure, psnr })
+        let proven = share_proven(&readings, &zero, &self.message, config.proof(zero.len()))?;
+        Ok(HeldOutReport { bit_accuracy, clip_accuracy, proven, psnr })
     }
 }
 
@@ -574,17 +570,14 @@ fn share_right(logits: &[f32], zero: &[f32], message: &Message) -> f32 {
     right.count() as f32 / logits.len() as f32
 }
 
-/// Share of the message's bits that rows of logits show together, see [`HeldOutReport::sure`].
-fn share_sure(logits: &[f32], zero: &[f32], message: &Message) -> f32 {
-    let columns = zero.len();
-    let means = column_means(logits, columns);
-    let spare = (logits.len() / columns).saturating_sub(1).max(1) as f32;
-    let squares: Vec<f32> = logits.iter().enumerate().map(|(i, v)| (v - means[i % columns]).powi(2) / spare).collect();
-    // The mean over rows of variance shares is the variance of the mean.
-    let variances = column_means(&squares, columns);
-    let sides = means.iter().zip(zero).zip(message.bits()).map(|((m, z), bit)| if bit { m - z } else { z - m });
-    let sure = sides.zip(&variances).filter(|(side, variance)| *side > SURE_DEVIATIONS * variance.sqrt()).count();
-    sure as f32 / columns as f32
+/// Share of the rows of logits that prove the message alone at a false-positive rate, see [`HeldOutReport::proven`].
+fn share_proven(readings: &[f32], zero: &[f32], message: &Message, fpr: f64) -> Result<f32, EngineError> {
+    let mut proven = 0;
+    for row in readings.chunks_exact(zero.len()) {
+        let moved: Vec<f64> = row.iter().zip(zero).map(|(o, z)| f64::from(o - z)).collect();
+        proven += usize::from(SoftScoreNull::new(&moved)?.p_value(message)? <= fpr);
+    }
+    Ok(proven as f32 / (readings.len() / zero.len()) as f32)
 }
 
 /// Mean of each column; zeros without a row.

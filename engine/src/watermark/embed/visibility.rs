@@ -6,7 +6,6 @@
 use guard4d_kernels::Device;
 use guard4d_kernels::optim::adam::RowRates;
 
-use super::config::EmbedConfig;
 use super::fit::Y0;
 use super::pool::ClipPool;
 use super::step::Stage;
@@ -16,9 +15,6 @@ use crate::scene::gaussians::CHANNELS;
 
 /// Training clips that the light is summed over: with a view of its own for each frame, 256 views from all around.
 const LIT_CLIPS: usize = 32;
-/// Least and largest factor that its light gives a splat's rate, so that no few splats carry the mark alone.
-const LEAST_RATE: f64 = 0.25;
-const LARGEST_RATE: f64 = 4.0;
 
 /// Visible weight of each splat `[N]`: the sum, over all pixels of the first training clips, of the share that it has in
 /// their light. Of three colour channels the one counts that lets most through: where a colour is clamped to black, as the
@@ -67,31 +63,16 @@ pub fn within_reach(weights: &[f64], reach: f32) -> Vec<bool> {
     reached
 }
 
-/// Factor on the learning rate of each splat: 0 beyond the reach, else a power of its weight against the median of those
-/// within reach that are seen. `None` where it is 1 everywhere.
-fn factors(weights: &[f64], reach: f32, power: f32) -> Option<Vec<f32>> {
-    if reach >= 1.0 && power == 0.0 {
-        return None;
-    }
-    let reached = within_reach(weights, reach);
-    let mut seen: Vec<f64> =
-        weights.iter().zip(&reached).filter(|(w, reached)| **reached && **w > 0.0).map(|(w, _)| *w).collect();
-    seen.sort_by(f64::total_cmp);
-    let median = seen.get(seen.len() / 2).copied().unwrap_or(1.0);
-    #[allow(clippy::cast_possible_truncation, reason = "a factor between two small numbers")]
-    let factor = |(weight, reached): (&f64, bool)| match reached {
-        true => (weight / median).powf(f64::from(power)).clamp(LEAST_RATE, LARGEST_RATE) as f32,
-        false => 0.0,
-    };
-    Some(weights.iter().zip(reached).map(factor).collect())
-}
-
-/// The rates of all splats' offsets by the settings, for [`guard4d_kernels::optim::adam::AdamState`].
+/// The rates of all splats' offsets by the settings, for [`guard4d_kernels::optim::adam::AdamState`]: 0 beyond the reach, 1
+/// within it. `None` where it is 1 everywhere.
 pub(super) fn rates(
     device: &Device,
     (weights, stage): (&[f64], &Stage),
-    config: &EmbedConfig,
+    reach: f32,
 ) -> Result<Option<RowRates>, EngineError> {
-    let Some(factors) = factors(weights, config.reach, config.visibility) else { return Ok(None) };
+    if reach >= 1.0 {
+        return Ok(None);
+    }
+    let factors: Vec<f32> = within_reach(weights, reach).into_iter().map(|r| f32::from(u8::from(r))).collect();
     Ok(Some(RowRates { row: stage.bases.floats(), factors: device.buffer_from("visibility.rates", &factors)? }))
 }

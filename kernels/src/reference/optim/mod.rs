@@ -1,4 +1,3 @@
 //! Twins of `glsl/optim`.
 
 pub mod adam;
-pub mod neighbour_mean;
