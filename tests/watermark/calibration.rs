@@ -24,8 +24,13 @@ fn features(seed: u64) -> (Vec<f32>, Vec<f32>) {
 }
 
 fn fit(content: &[f32], responses: &[f32], bits: usize) -> Result<Calibration, EngineError> {
+    fit_frames(content, (responses, 1), bits)
+}
+
+/// With so many frames of each field.
+fn fit_frames(content: &[f32], (responses, frames): (&[f32], usize), bits: usize) -> Result<Calibration, EngineError> {
     let mut rng = Prf::new(&MasterSecret::from_bytes([7; 32])).stream(Purpose::Calibration, 0);
-    Calibration::fit(&CalibrationData { content, responses, width: WIDTH, bits }, &mut rng)
+    Calibration::fit(&CalibrationData { content, responses, frames, width: WIDTH, bits }, &mut rng)
 }
 
 fn fitted(seed: u64) -> Calibration {
@@ -127,6 +132,35 @@ fn clips_that_are_all_alike_can_be_told_from_marked_ones() {
     let along = projected(&map, &moved);
     let rms = (along.iter().map(|z| z * z).sum::<f64>() / BITS as f64).sqrt();
     assert!(rms > CONTENT_LEVEL, "what an offset field does stands out: {rms}");
+}
+
+#[test]
+fn directions_keep_to_what_all_views_respond_alike() {
+    let mut random = Random(12);
+    let content: Vec<f32> = (0..FRAMES * WIDTH).map(|_| random.uniform(-1.0, 1.0) as f32).collect();
+    // Late axes respond twice as much, but to half of the frames one way and to half the other.
+    let frames = 2;
+    let (mut alike, mut apart) = (Vec::new(), Vec::new());
+    for _ in 0..FIELDS {
+        let field = random.vec_f32(WIDTH, -0.1, 0.1);
+        let turned = |sign: f32| {
+            let of = move |(j, v): (usize, &f32)| if j < WIDTH / 2 { *v } else { 2.0 * sign * v };
+            field.iter().enumerate().map(of).collect::<Vec<_>>()
+        };
+        apart.extend([turned(1.0), turned(-1.0)].concat());
+        alike.extend([turned(1.0), turned(1.0)].concat());
+    }
+    let late = |responses: &[f32]| {
+        let map = fit_frames(&content, (responses, frames), BITS).expect("finite features");
+        let square = |rows: std::ops::Range<usize>| -> f32 {
+            map.directions[rows.start * BITS..rows.end * BITS].iter().map(|v| v * v).sum()
+        };
+        square(WIDTH / 2..WIDTH) / square(0..WIDTH)
+    };
+    // For the same response they need half the length, a quarter of its square.
+    assert!(late(&alike) > 0.25, "the stronger half where frames agree: {}", late(&alike));
+    // What is left of them is rounding.
+    assert!(late(&apart) < 1e-3, "nothing of them where frames do not: {}", late(&apart));
 }
 
 #[test]

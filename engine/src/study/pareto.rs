@@ -28,6 +28,8 @@ const LENGTHS: [u32; 2] = [32, 48];
 
 /// Steps from one comparison by LPIPS to the next, with a network for it.
 const LPIPS_EVERY: [u32; 2] = [1, 4];
+/// Logit beyond which a bit is left alone, where there is one.
+const MARGIN: f32 = 6.0;
 /// Share of the light that the splats with offsets carry, where not all have offsets.
 const REACH: f32 = 0.9;
 
@@ -45,11 +47,11 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
         Arm::new("extractor none", scale.config(Profile::Balanced, ExtractorMode::None)),
         Arm::new("extractor joint", joint.clone()),
         with("fit auto".to_owned(), &|config| *config = fit::auto(config.clone())),
-        with("all SH bases".to_owned(), &|config| config.bases = OffsetBases::All),
+        with("DC alone".to_owned(), &|config| config.bases = OffsetBases::Dc),
         Arm { name: "half of the memory".to_owned(), is_tight: true, ..default.clone() },
         Arm { name: "16-bit weights".to_owned(), precision: Precision::Fixed16, ..default.clone() },
         with("constant rates".to_owned(), &|config| config.lr_floor = 1.0),
-        with("cross-entropy instead of a margin".to_owned(), &|config| config.margin = 0.0),
+        with(format!("a margin of {MARGIN} instead of cross-entropy"), &|config| config.margin = MARGIN),
         with(format!("splats with {REACH} of the light"), &|config| config.reach = REACH),
         with("half of the clips".to_owned(), &|config| config.views = (config.views / 2).max(1)),
     ];

@@ -2,8 +2,8 @@
 //!
 //! Image and text features lie in different cones, and scene content moves image features far more than a
 //! mark does. From unmarked clips and from random offsets (which carry no message) this module finds the
-//! image directions in which offsets move features most in relation to content, and maps them onto the
-//! directions along which the key's bits move text features. Nothing here depends on a message.
+//! image directions in which offsets move the features of all views alike, and most in relation to content and to what
+//! views disagree about, and maps them onto the directions along which the key's bits move text features. Nothing here depends on a message.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use rand_chacha::ChaCha20Rng;
@@ -13,11 +13,14 @@ use super::prf::standard_normal;
 use crate::error::EngineError;
 use crate::tensor_file::{Tensor, TensorFile};
 
-/// Ridge on the content covariance, as a share of its mean eigenvalue: few clips must not look like certainty.
+/// Ridge on the covariance of content and of what views disagree about, as a share of its mean eigenvalue: few clips must not look like certainty.
 const RIDGE: f64 = 0.05;
 /// Least variance that content counts as having, as a share of what random offsets cause: a scene whose unmarked clips are all
 /// alike (all white, say) can be read too.
 const LEAST_CONTENT: f64 = 1e-3;
+/// Weight of what views make of the same offsets, each its own, beside what content makes: offsets have to move all views
+/// alike, and training makes more of both than random fields do. Measured on three scenes with two keys each: docs/method.md.
+const APART_WEIGHT: f64 = 4.0;
 /// Content's standard deviation along each bit, where ±1 is the text feature of a written bit.
 pub const CONTENT_LEVEL: f64 = 0.35;
 
@@ -38,8 +41,10 @@ pub struct Calibration {
 pub struct CalibrationData<'a> {
     /// Features of unmarked frames `[n, D]`.
     pub content: &'a [f32],
-    /// Mean feature change that each random offset field causes `[k, D]`.
+    /// Feature change that each random offset field causes in each of its frames `[k, F, D]`.
     pub responses: &'a [f32],
+    /// `F`, of as many views as can be
+    pub frames: usize,
     /// `D`
     pub width: usize,
     /// `L`
@@ -50,14 +55,14 @@ impl Calibration {
     /// Fits the directions; the mean logits are left at zero, for they need the decoder.
     ///
     /// # Equation
-    /// The L leading solutions v of Σ_response v = λ (Σ_content + ridge) v (Fisher 1936, discriminants), scaled to
-    /// equal response, mixed by a keyed rotation so that all bits are equally hard, and scaled as a whole so
+    /// The L leading solutions v of Σ_response v = λ (Σ_content + w Σ_apart + ridge) v (Fisher 1936, discriminants), where
+    /// Σ_response is of the fields' mean responses and Σ_apart of what single frames respond beside them; scaled to equal response, mixed by a keyed rotation so that all bits are equally hard, and scaled as a whole so
     /// that content stays at a fixed level.
     ///
     /// # Errors
     /// [`EngineError::NotFinite`] when features are not finite or too few to fit.
     pub fn fit(data: &CalibrationData<'_>, rng: &mut ChaCha20Rng) -> Result<Self, EngineError> {
-        let CalibrationData { width, bits, .. } = *data;
+        let CalibrationData { width, bits, frames, .. } = *data;
         let not_finite = |what: &str| EngineError::NotFinite { what: what.to_owned(), got: f64::NAN };
         // The eigenvalue iteration would never end on them.
         if data.content.iter().chain(data.responses).any(|v| !v.is_finite()) {
@@ -70,7 +75,8 @@ impl Calibration {
         let mean = content.row_mean();
         let centred = DMatrix::from_fn(content.nrows(), width, |i, j| content[(i, j)] - mean[j]);
         let mut noise = centred.tr_mul(&centred) / content.nrows().max(1) as f64;
-        let responses = rows(data.responses, width);
+        let (responses, apart) = means_and_rests(&rows(data.responses, width), frames);
+        noise += APART_WEIGHT * apart.tr_mul(&apart) / apart.nrows().saturating_sub(responses.nrows()).max(1) as f64;
         let caused = responses.norm_squared() / responses.nrows().max(1) as f64;
         let least = RIDGE * LEAST_CONTENT * caused / width as f64;
         let ridge = least.max(RIDGE * noise.trace() / width as f64);
@@ -197,6 +203,14 @@ fn random_rotation(n: usize, rng: &mut ChaCha20Rng) -> DMatrix<f64> {
         }
     }
     q
+}
+
+/// Means of groups of rows, and what each row has beside its group's.
+fn means_and_rests(all: &DMatrix<f64>, group: usize) -> (DMatrix<f64>, DMatrix<f64>) {
+    let group = group.max(1);
+    let means = DMatrix::from_fn(all.nrows() / group, all.ncols(), |i, j| all.view((i * group, j), (group, 1)).mean());
+    let rests = DMatrix::from_fn(means.nrows() * group, all.ncols(), |i, j| all[(i, j)] - means[(i / group, j)]);
+    (means, rests)
 }
 
 fn rows(values: &[f32], width: usize) -> DMatrix<f64> {

@@ -30,6 +30,8 @@ pub(super) const Y0: f64 = 0.282_094_79;
 pub(super) const ZERO_CLIPS: usize = 32;
 /// Clips on which each random field is tried.
 pub(super) const CLIPS_PER_RESPONSE: usize = 2;
+/// Frames of these.
+const FRAMES_PER_RESPONSE: usize = CLIPS_PER_RESPONSE * CLIP_FRAMES;
 
 /// R (for `blind` and `joint`) and the calibration for one asset.
 pub(super) fn extractor(
@@ -55,6 +57,7 @@ pub(super) fn extractor(
     let data = CalibrationData {
         content: &content.concat(),
         responses: &responses,
+        frames: FRAMES_PER_RESPONSE,
         width: key.text_mean.len(),
         bits: key.bits(),
     };
@@ -154,7 +157,7 @@ fn content_features(
     Ok(found)
 }
 
-/// Mean feature change of each random offset field `[k, D]`. The fields take the place of the offsets, which are zero
+/// Feature change that each random offset field causes in each of its frames `[k, F, D]`. The fields take the place of the offsets, which are zero
 /// again afterwards.
 fn responses(
     device: &Device,
@@ -164,12 +167,10 @@ fn responses(
     (stage, content): (&mut Stage, &[Vec<f32>]),
 ) -> Result<Vec<f32>, EngineError> {
     let mut rng = key.prf().stream(Stream::Responses, config.seed);
-    let width = key.text_mean.len();
     let clips = u32::try_from(pool.training().len()).unwrap_or(u32::MAX);
-    let mut found = Vec::with_capacity(config.responses * width);
+    let mut found = Vec::with_capacity(config.responses * FRAMES_PER_RESPONSE * key.text_mean.len());
     for _ in 0..config.responses {
         stage.offsets.write(&random_field(stage.num_splats, stage.bases, config.response_level, &mut rng))?;
-        let mut change = vec![0.0f64; width];
         for _ in 0..CLIPS_PER_RESPONSE {
             let index = uniform_below(&mut rng, clips) as usize;
             let clip = pool.get(index, stage)?;
@@ -178,12 +179,8 @@ fn responses(
             features.forward(&mut rec, &[&stage.resized])?;
             rec.submit()?;
             let moved = features.features().read()?;
-            for (i, (m, c)) in moved.iter().zip(&content[index]).enumerate() {
-                change[i % width] += f64::from(m - c) / (CLIPS_PER_RESPONSE * CLIP_FRAMES) as f64;
-            }
+            found.extend(moved.iter().zip(&content[index]).map(|(m, c)| m - c));
         }
-        #[allow(clippy::cast_possible_truncation, reason = "features are single precision")]
-        found.extend(change.into_iter().map(|v| v as f32));
     }
     stage.offsets.write(&vec![0.0; stage.offsets.len()])?;
     Ok(found)
