@@ -197,7 +197,7 @@ fn the_receipt_and_the_report_tell_what_each_rung_bought() {
     // Read as single precision, which the two files print with different numbers of digits.
     let reports = |rungs: &Value| serde_json::from_value::<Vec<RungReport>>(rungs.clone()).expect("reports of rungs");
     assert_eq!(reports(&receipt["body"]["settings"]["rungs"]), reports(&printed["rungs"]), "{receipt}");
-    assert_eq!(receipt["body"]["settings"]["embed"]["ladder"]["rungs"][0]["bases"], "dc", "{receipt}");
+    assert_eq!(receipt["body"]["settings"]["embed"]["ladder"]["rungs"][0]["bases"], "all", "{receipt}");
     assert_eq!(printed["looks"][0]["step"], 3, "{printed}");
     assert!(printed["seconds"]["train on rung 1"].as_f64().is_some_and(|s| s > 0.0), "{printed}");
     let told = small.run("again", &["--fit", "auto", "--min-accuracy", "0"]);

@@ -58,7 +58,7 @@ fn by_default_it_asks_for_what_verify_needs() {
 #[test]
 fn training_that_ends_in_time_aims_at_it() {
     let gate = Gate::for_bits(16);
-    assert_eq!(gate.aim(), Aim { p_value: 1e-3, accuracy: 0.0 });
+    assert_eq!(gate.aim(), Aim { p_value: 1e-4, accuracy: 0.0 });
     let other = Gate { min_proven: 0.0, min_accuracy: Some(0.9), ..gate };
     assert_eq!(other.aim(), Aim { p_value: 1.0, accuracy: 0.9 }, "bits alone");
 }

@@ -47,7 +47,7 @@ impl TrainingClip {
     }
 }
 
-/// Cameras and times of clips.
+/// Cameras and times of clips. Those that `films` are of one camera each, as what leaks is.
 ///
 /// A clip of `joint` is one camera that turns at its own pace, because its R learns how neighbouring frames belong
 /// together; so is one of the multi-frame baseline. Without temporal weights to train, each frame gets a view of its own: one step then sees eight views
@@ -55,6 +55,7 @@ impl TrainingClip {
 pub(super) fn shots(
     config: &EmbedConfig,
     (clips, seed): (u32, u64),
+    films: bool,
     rng: &mut ChaCha20Rng,
 ) -> Result<Vec<Vec<(Camera, f32)>>, EngineError> {
     let size = crate::scene::ImageSize::new(config.size_px.0, config.size_px.1)?;
@@ -66,7 +67,7 @@ pub(super) fn shots(
         lens: Lens { fov_x_rad: config.fov_deg.to_radians(), size },
     };
     let frames = u32::try_from(CLIP_FRAMES).expect("a clip is a handful of frames");
-    let per_clip = if config.films() { 1 } else { CLIP_FRAMES };
+    let per_clip = if films { 1 } else { CLIP_FRAMES };
     let cameras: CameraSet = match per_clip {
         1 => band.sample(clips, seed)?,
         _ => band.sample(clips * frames, seed)?,

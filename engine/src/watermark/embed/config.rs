@@ -419,24 +419,20 @@ impl EmbedConfig {
         }
     }
 
-    /// The same, but no more of it than the asset needs. Training begins with the DC terms of the splats that carry most of
-    /// the light and half of the views, goes on to all splats and views, and then, with `bases` of `all`, to all
-    /// coefficients. It climbs where held-out clips show no more progress, and ends at the top, or when they show
-    /// what `aim` asks for at the target fidelity. That fidelity is held from the start, so that
-    /// this can be soon, and the calibration makes do with half of the random fields. The extractor stays of its mode.
+    /// The same, but no more of it than the asset needs. Training begins with the splats that carry most of the light and
+    /// half of the views, and goes on to all splats and views where held-out clips show no more progress. It ends at the top,
+    /// or when they show what `aim` asks for at the target fidelity. That fidelity is held from the start, so that this can be
+    /// soon. The extractor stays of its mode, and so do the bases: with DC terms first, and the others on a third rung, more
+    /// steps were needed than one rung with all takes.
     #[must_use]
-    pub fn climbing(self, aim: Aim, bits: usize) -> Self {
-        let dc = |reach: f32, views: u32| Rung { bases: OffsetBases::Dc, reach, views, steps: RUNG_STEPS };
-        let mut rungs = vec![dc(MOST_LIGHT.min(self.reach), self.views.div_ceil(2)), dc(self.reach, self.views)];
-        if self.bases == OffsetBases::All {
-            rungs.push(Rung { bases: self.bases, ..dc(self.reach, self.views) });
-        }
+    pub fn climbing(self, aim: Aim) -> Self {
+        let rung = |reach: f32, views: u32, steps: usize| Rung { bases: self.bases, reach, views, steps };
+        let few = rung(MOST_LIGHT.min(self.reach), self.views.div_ceil(2), RUNG_STEPS);
         // Nothing is left for later on the last one: with 100 steps there, fox was left at 82 % of bits instead of 95 %.
-        rungs.iter_mut().last().expect("there are two").steps = self.steps.max(1);
+        let rungs = vec![few, rung(self.reach, self.views, self.steps.max(1))];
         let every = DEFAULT_HELD_OUT_EVERY;
         let ladder = Some(Ladder { rungs, aim, every, patience: PATIENCE, held_out: CLIMBING_HELD_OUT });
-        let responses = self.responses.div_ceil(2).max(bits);
-        Self { start_psnr: self.target_psnr, responses, ladder, ..self }
+        Self { start_psnr: self.target_psnr, ladder, ..self }
     }
 
     /// The settings on a rung of the ladder, or all of them where there is none.

@@ -67,12 +67,12 @@ impl ClipPool {
     pub(super) fn draw(subject: &Subject<'_>, config: &EmbedConfig) -> Result<Self, EngineError> {
         let prf = subject.key.prf();
         let mut rng = prf.stream(Stream::Views, config.seed);
-        let mut drawn = shots(config, (config.views, config.seed), &mut rng)?;
+        let mut drawn = shots(config, (config.views, config.seed), config.films(), &mut rng)?;
         let num_training = drawn.len();
         if config.held_out_clips() > 0 {
             let mut rng = prf.stream(Stream::HeldOutViews, config.seed);
             let cameras = (config.held_out_clips(), rng.next_u64());
-            drawn.extend(shots(config, cameras, &mut rng)?);
+            drawn.extend(shots(config, cameras, true, &mut rng)?);
         }
         let builder = ClipBuilder::new(subject.device, subject.model, config)?;
         let in_use = (config.on_rung(0).views as usize).min(num_training);
