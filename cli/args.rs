@@ -248,10 +248,9 @@ pub(crate) struct ObjectiveArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum FitArg {
-    /// Begin with the base colour of the splats that carry most of the light and half of the views; take all splats and
-    /// views, and with `--bases all` all coefficients, when clips that training never sees show no more progress. Stop when
-    /// each of them proves the message alone, or when they show no progress on the last rung either. The extractor stays
-    /// what it is: `joint` gives no exact p-value, and is never chosen for you
+    /// Begin with the splats that carry most of the light and half of the views; take all when clips that training never
+    /// sees show no more progress. Stop when each of them proves the message alone, by a margin, or when they show no
+    /// progress then either. The extractor stays what it is: `joint` gives no exact p-value, and is never chosen for you
     Auto,
     /// Take all steps of the profile on everything: the strongest mark
     Full,
@@ -360,7 +359,7 @@ pub(crate) struct EmbedArgs {
     /// Quality gate: least PSNR of whole unseen frames in dB; by default none
     #[arg(long, value_name = "DB")]
     pub(crate) min_psnr: Option<f64>,
-    /// SH coefficients to write into, by default `dc`; with the paper's profiles `all`
+    /// SH coefficients to write into, by default `all`
     #[arg(long, value_enum)]
     pub(crate) bases: Option<BasesArg>,
     /// Change only the splats that together carry this share of the light in the training views: 1 all, 0.9 far fewer

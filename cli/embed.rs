@@ -147,8 +147,8 @@ impl Inputs {
             note(common, &format!("note: {warning}"));
         }
         let message = payload.message(&key.prf())?;
-        let (payload, cameras) = (payload.id_bits(), cameras(&args.views)?);
-        Ok(Self { device, clip, key, model, message, payload, cameras, config: config(args, &gate)?, gate })
+        let (payload, cameras, key_bits) = (payload.id_bits(), cameras(&args.views)?, key.bits());
+        Ok(Self { device, clip, key, model, message, payload, cameras, config: config(args, (&gate, key_bits))?, gate })
     }
 
     fn subject(&self) -> Subject<'_> {
@@ -198,7 +198,7 @@ fn gate(args: &EmbedArgs, bits: usize, searched: u32) -> Result<Gate, EngineErro
 }
 
 /// The profile's numbers with what flags change.
-fn config(args: &EmbedArgs, gate: &Gate) -> Result<EmbedConfig, EngineError> {
+fn config(args: &EmbedArgs, (gate, bits): (&Gate, usize)) -> Result<EmbedConfig, EngineError> {
     let profile = match args.profile {
         ProfileArg::Draft => Profile::Draft,
         ProfileArg::Balanced => Profile::Balanced,
@@ -230,7 +230,7 @@ fn config(args: &EmbedArgs, gate: &Gate) -> Result<EmbedConfig, EngineError> {
     config.reach = args.reach.unwrap_or(config.reach);
     config.lpips = lpips(&args.lpips)?;
     Ok(match args.fit {
-        FitArg::Auto => config.climbing(gate.aim()),
+        FitArg::Auto => config.climbing(gate.aim(), bits),
         FitArg::Full => config,
     })
 }

@@ -101,14 +101,14 @@ fn a_mark_that_is_enough_settles_on_the_rung_where_it_is() {
     let (reports, embedded) = train(prepare(&gpu, &owner, &config));
     let [rung] = embedded.rungs[..] else { panic!("one rung: {:?}", embedded.rungs) };
     assert_eq!(rung.left, Left::Enough, "{rung:?}");
-    assert_eq!(rung.steps, 4, "two looks: {rung:?}");
+    assert_eq!(rung.steps, 2, "one look: {rung:?}");
     assert_eq!((embedded.steps, reports.len()), (rung.steps + SETTLING, rung.steps + SETTLING), "steps");
 
     // Steps that end before a rung does are all that there are.
-    config.steps = 3;
+    config.steps = 1;
     let (_, embedded) = train(prepare(&gpu, &owner, &config));
     let [rung] = embedded.rungs[..] else { panic!("one rung: {:?}", embedded.rungs) };
-    assert_eq!((rung.left, rung.steps, rung.look.step, embedded.steps), (Left::Steps, 3, 3, 3));
+    assert_eq!((rung.left, rung.steps, rung.look.step, embedded.steps), (Left::Steps, 1, 1, 1));
 }
 
 #[test]
@@ -127,16 +127,16 @@ fn the_ladder_of_a_profile_keeps_extractor_and_bases() {
     let said = serde_json::to_value(&plain).expect("JSON");
     assert!(said["ladder"].is_null(), "as before there was a choice: {said}");
     for bases in [OffsetBases::Dc, OffsetBases::All] {
-        let config = EmbedConfig { bases, ..plain.clone() }.climbing(Aim { p_value: 1e-6, accuracy: 0.0 });
+        let config = EmbedConfig { bases, ..plain.clone() }.climbing(Aim { p_value: 1e-6, accuracy: 0.0 }, 48);
         config.validate_for(48).expect("sensible");
-        assert_eq!((config.mode, config.bases, config.responses), (plain.mode, bases, plain.responses), "{config:?}");
+        assert_eq!((config.mode, config.bases, config.responses), (plain.mode, bases, 48), "{config:?}");
         let ladder = config.ladder.expect("there is one");
         let [first, last] = ladder.rungs[..] else { panic!("two rungs: {ladder:?}") };
         assert!(first.reach < 1.0 && first.views < plain.views, "less at first: {first:?}");
         assert_eq!(first.bases, bases, "of the same coefficients");
         assert_eq!((last.reach, last.views, last.bases), (1.0, plain.views, bases), "all at last");
     }
-    let mut bad = plain.climbing(Aim { p_value: 1e-3, accuracy: 0.9 });
+    let mut bad = plain.climbing(Aim { p_value: 1e-3, accuracy: 0.9 }, 16);
     bad.ladder.as_mut().expect("there is one").rungs.reverse();
     let refused = bad.validate().expect_err("downwards").to_string();
     assert!(refused.contains("ladder") && refused.contains("the one below"), "{refused}");

@@ -20,7 +20,8 @@ const FEW: &str = "fit auto, DC alone";
 
 /// Settings that stop as `embed --fit auto` does: at what its quality gate asks for.
 pub(super) fn auto(config: EmbedConfig) -> EmbedConfig {
-    config.climbing(Gate::for_bits(DEFAULT_BITS as usize).aim())
+    let bits = DEFAULT_BITS as usize;
+    config.climbing(Gate::for_bits(bits).aim(), bits)
 }
 
 /// Both, with the default's settings.

@@ -36,6 +36,8 @@ const DEFAULT_HELD_OUT_EVERY: usize = 25;
 const HELD_OUT_CLIPS: u32 = 2;
 /// As many where they decide what is trained: the share of bits right is then known to one part in a hundred.
 const CLIMBING_HELD_OUT: u32 = 8;
+/// Steps from one look at these to the next; a look takes as long as some eight steps.
+const CLIMBING_EVERY: usize = 50;
 /// Share of the light that the splats of the lowest rung carry: the last tenth is spread over very many.
 const MOST_LIGHT: f32 = 0.9;
 /// Most steps on a rung below the last.
@@ -422,17 +424,17 @@ impl EmbedConfig {
     /// The same, but no more of it than the asset needs. Training begins with the splats that carry most of the light and
     /// half of the views, and goes on to all splats and views where held-out clips show no more progress. It ends at the top,
     /// or when they show what `aim` asks for at the target fidelity. That fidelity is held from the start, so that this can be
-    /// soon. The extractor stays of its mode, and so do the bases: with DC terms first, and the others on a third rung, more
+    /// soon, and the calibration makes do with half of the random fields. The extractor stays of its mode, and so do the bases: with DC terms first, and the others on a third rung, more
     /// steps were needed than one rung with all takes.
     #[must_use]
-    pub fn climbing(self, aim: Aim) -> Self {
+    pub fn climbing(self, aim: Aim, bits: usize) -> Self {
         let rung = |reach: f32, views: u32, steps: usize| Rung { bases: self.bases, reach, views, steps };
         let few = rung(MOST_LIGHT.min(self.reach), self.views.div_ceil(2), RUNG_STEPS);
         // Nothing is left for later on the last one: with 100 steps there, fox was left at 82 % of bits instead of 95 %.
         let rungs = vec![few, rung(self.reach, self.views, self.steps.max(1))];
-        let every = DEFAULT_HELD_OUT_EVERY;
-        let ladder = Some(Ladder { rungs, aim, every, patience: PATIENCE, held_out: CLIMBING_HELD_OUT });
-        Self { start_psnr: self.target_psnr, ladder, ..self }
+        let ladder = Some(Ladder { rungs, aim, every: CLIMBING_EVERY, patience: PATIENCE, held_out: CLIMBING_HELD_OUT });
+        let responses = self.responses.div_ceil(2).max(bits);
+        Self { start_psnr: self.target_psnr, responses, ladder, ..self }
     }
 
     /// The settings on a rung of the ladder, or all of them where there is none.
