@@ -19,7 +19,13 @@ fn three_rungs(owner: &Owner) -> EmbedConfig {
     let first = Rung { bases: OffsetBases::Dc, reach: 0.5, views: 2, steps: 2 };
     let second = Rung { reach: 1.0, views: 3, ..first };
     let third = Rung { bases: OffsetBases::All, steps: 4, ..second };
-    let ladder = Ladder { rungs: vec![first, second, third], aim: Aim { p_value: 0.0, accuracy: 1.0 }, every: 2, patience: 100, held_out: 1 };
+    let ladder = Ladder {
+        rungs: vec![first, second, third],
+        aim: Aim { p_value: 0.0, accuracy: 1.0 },
+        every: 2,
+        patience: 100,
+        held_out: 1,
+    };
     let small =
         EmbedConfig { responses: BITS as usize, size_px: (32, 32), steps: 60, views: 3, ..owner.config.clone() };
     // A mark that eight bits do not show is never enough.

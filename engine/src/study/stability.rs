@@ -160,8 +160,7 @@ fn failures(findings: &Findings, usual: Option<f64>) -> Table {
     };
     Table {
         title: "Failures".to_owned(),
-        note: "Readings whose clips, all together, do not prove the message by `verify`'s test at its rate."
-            .to_owned(),
+        note: "Readings whose clips, all together, do not prove the message by `verify`'s test at its rate.".to_owned(),
         head: ["arm", "film", "scene", "seed", "bits right, %", "cause"].map(str::to_owned).to_vec(),
         rows: failed.map(line).collect(),
     }
@@ -173,7 +172,14 @@ mod tests {
 
     #[test]
     fn failures_have_causes() {
-        let row = Row { bits: 16, target_db: 43.0, marked: Some(0.6), p_soft: Some(2e-3), psnr_db: Some(49.0), ..Row::default() };
+        let row = Row {
+            bits: 16,
+            target_db: 43.0,
+            marked: Some(0.6),
+            p_soft: Some(2e-3),
+            psnr_db: Some(49.0),
+            ..Row::default()
+        };
         assert!(!row.is_read(), "too much like chance for 16 bits");
         assert!(cause(&row, Some(0.95)).contains("faint: 49.0 dB"), "{}", cause(&row, Some(0.95)));
         assert!(cause(&row, Some(0.6)).contains("no worse than the usual"), "a bad seed, not a bad scene");

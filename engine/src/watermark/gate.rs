@@ -84,7 +84,10 @@ impl Gate {
         let usage = |what: &str, got: f64, expected: &str| {
             Err(EngineError::Usage { what: what.to_owned(), got: got.to_string(), expected: expected.to_owned() })
         };
-        let shares = [("least share of clips that prove", self.min_proven), ("least bit accuracy", self.min_accuracy.unwrap_or(0.0))];
+        let shares = [
+            ("least share of clips that prove", self.min_proven),
+            ("least bit accuracy", self.min_accuracy.unwrap_or(0.0)),
+        ];
         for (what, share) in shares {
             if !(0.0..=1.0).contains(&share) {
                 return usage(what, share, "a share from 0 to 1");

@@ -432,7 +432,8 @@ impl EmbedConfig {
         let few = rung(MOST_LIGHT.min(self.reach), self.views.div_ceil(2), RUNG_STEPS);
         // Nothing is left for later on the last one: with 100 steps there, fox was left at 82 % of bits instead of 95 %.
         let rungs = vec![few, rung(self.reach, self.views, self.steps.max(1))];
-        let ladder = Some(Ladder { rungs, aim, every: CLIMBING_EVERY, patience: PATIENCE, held_out: CLIMBING_HELD_OUT });
+        let ladder =
+            Some(Ladder { rungs, aim, every: CLIMBING_EVERY, patience: PATIENCE, held_out: CLIMBING_HELD_OUT });
         let responses = self.responses.div_ceil(2).max(bits);
         Self { start_psnr: self.target_psnr, responses, ladder, ..self }
     }
@@ -562,8 +563,9 @@ impl EmbedConfig {
             return Err(EngineError::Usage {
                 what: "ladder".to_owned(),
                 got: format!("{ladder:?}"),
-                expected: "rungs that each have as much as the one below, a p-value and a share from 0 to 1, and no zeros"
-                    .to_owned(),
+                expected:
+                    "rungs that each have as much as the one below, a p-value and a share from 0 to 1, and no zeros"
+                        .to_owned(),
             });
         }
         if let Some(term) = &self.lpips {
