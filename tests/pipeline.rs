@@ -102,6 +102,28 @@ fn the_same_seed_gives_the_same_bytes_with_or_without_a_break() {
     assert_eq!(moved(&owner, &first)[1], 0, "no coefficient above DC moves by a bit");
 }
 
+#[test]
+fn a_scene_without_higher_coefficients_takes_no_room_for_them() {
+    let Some(gpu) = device() else { return };
+    let mut owner = Owner::new(&gpu);
+    owner.model.gaussians.sh_degree = 0;
+    let mut of = |bases| {
+        owner.config.bases = bases;
+        embed(&gpu, &owner, None)
+    };
+    let (dc, all) = (of(OffsetBases::Dc), of(OffsetBases::All));
+    assert_same(&owner, &dc, &all, "all there are");
+    assert_ne!(dc.sh_coeffs, owner.model.gaussians.sh_coeffs, "something was written");
+    // Offsets of that embedding, as a checkpoint has them.
+    let mut embedding = Embedding::prepare(owner.subject(&gpu), owner.config.clone()).expect("prepares");
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    let path = folder.path().join("checkpoint.safetensors");
+    embedding.step().expect("steps");
+    embedding.save(&path).expect("saves");
+    let shape = TensorFile::read(&path).expect("a checkpoint").tensors["offsets.param"].shape.clone();
+    assert_eq!(shape.iter().product::<usize>(), owner.model.gaussians.len() * OffsetBases::Dc.floats(), "DC alone");
+}
+
 /// Coefficients of an embedding whose bits differ from the original's: DC terms, others.
 fn moved(owner: &Owner, embedded: &Embedded) -> [usize; 2] {
     let mut moved = [0; 2];

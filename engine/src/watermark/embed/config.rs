@@ -438,6 +438,15 @@ impl EmbedConfig {
         Self { start_psnr: self.target_psnr, responses, ladder, ..self }
     }
 
+    /// The settings for a model of this degree: without coefficients above DC there is no room to take for them.
+    pub(super) fn for_degree(mut self, sh_degree: u32) -> Self {
+        if sh_degree == 0 {
+            self.bases = OffsetBases::Dc;
+            self.ladder.iter_mut().flat_map(|ladder| &mut ladder.rungs).for_each(|rung| rung.bases = OffsetBases::Dc);
+        }
+        self
+    }
+
     /// The settings on a rung of the ladder, or all of them where there is none.
     pub(super) fn on_rung(&self, number: usize) -> Self {
         match self.ladder.as_ref().and_then(|ladder| ladder.rungs.get(number)) {

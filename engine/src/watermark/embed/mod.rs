@@ -163,6 +163,7 @@ impl<'a> Embedding<'a> {
         mut clips: ClipPool,
     ) -> Result<Self, EngineError> {
         let Subject { device, clip, key, model, .. } = subject;
+        let config = config.for_degree(model.gaussians.sh_degree);
         let mut seconds = BTreeMap::new();
         let started = Instant::now();
         let side = clip.config().vision_config.image_size;
