@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use bytesize::ByteSize;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use glam::DVec3;
 use guard4d_engine::clip::Precision;
 use guard4d_engine::distortion::Distortion;
 use guard4d_engine::study::SceneSource;
@@ -76,8 +77,8 @@ pub(crate) enum Command {
     Keygen(KeygenArgs),
     /// Writes a message into a model, or takes it out again with --undo
     ///
-    /// Training takes views of its own: all around the scene's origin (0, 0, 0) and looking at it, --radius away, at
-    /// random heights above the horizon (`elevation_deg` in the receipt), with --fov and --size. A part of the scene that
+    /// Training takes views of its own: all around --target and looking at it, --radius away, at random heights above the
+    /// horizon (`elevation_deg` in the receipt), with --fov and --size. A part of the scene that
     /// they do not see is not marked. --cameras, or --orbit with --elevation and --frames, only say where the result is
     /// measured.
     Embed(Box<EmbedArgs>),
@@ -182,9 +183,12 @@ pub(crate) struct ViewArgs {
     /// Elevation of the orbit in degrees above the horizon
     #[arg(long, default_value_t = 30.0, allow_negative_numbers = true)]
     pub(crate) elevation: f32,
-    /// Radius of the orbit in scene units
-    #[arg(long, default_value_t = 4.0)]
-    pub(crate) radius: f32,
+    /// Radius of the orbit in scene units; unless given, 4 for a moving model, and as far as fills the frame for a static one
+    #[arg(long)]
+    pub(crate) radius: Option<f64>,
+    /// Point that the orbit is around; unless given, the origin for a moving model, and the middle of the splats of a static one
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
+    pub(crate) target: Option<DVec3>,
     /// Horizontal field of view of the orbit in degrees
     #[arg(long, default_value_t = 39.6)]
     pub(crate) fov: f32,
@@ -338,6 +342,10 @@ pub(crate) struct EmbedArgs {
     /// Let `joint` read an unmarked control clip on every K-th step only, and count it K times: faster, less exact
     #[arg(long, value_name = "K", default_value_t = 1)]
     pub(crate) control_every: u32,
+    /// Share of the steps in which the extractor of `joint` stays as it was fitted, at the start [default: 0.5; with the
+    /// paper's profiles 0]
+    #[arg(long, value_name = "SHARE")]
+    pub(crate) tmsd_held: Option<f32>,
     #[command(flatten)]
     pub(crate) objective: ObjectiveArgs,
     #[command(flatten)]
@@ -637,6 +645,15 @@ pub(crate) struct DumpIo {
     /// safetensors file to write
     #[arg(long)]
     pub(crate) out: PathBuf,
+}
+
+/// A point of the scene.
+fn parse_point(text: &str) -> Result<DVec3, String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, z]) if [x, y, z].iter().all(|n| n.is_finite()) => Ok(DVec3::new(x, y, z)),
+        _ => Err(format!("`{text}`: expected three numbers, X,Y,Z")),
+    }
 }
 
 /// Size of a picture.

@@ -35,7 +35,7 @@ use crate::devices;
 use crate::progress::bar;
 use crate::report::{Outcome, Row, cost_rows, evidence_in_words, note, percent, print, reading_rows, say, table};
 use crate::stop;
-use crate::views::cameras;
+use crate::views::{cameras, vantage};
 
 /// What `--json` prints.
 #[derive(Serialize)]
@@ -147,8 +147,9 @@ impl Inputs {
             note(common, &format!("note: {warning}"));
         }
         let message = payload.message(&key.prf())?;
-        let (payload, cameras, key_bits) = (payload.id_bits(), cameras(&args.views)?, key.bits());
-        Ok(Self { device, clip, key, model, message, payload, cameras, config: config(args, (&gate, key_bits))?, gate })
+        let (payload, cameras, key_bits) = (payload.id_bits(), cameras(&args.views, &model)?, key.bits());
+        let config = EmbedConfig { vantage: vantage(&args.views, &model), ..config(args, (&gate, key_bits))? };
+        Ok(Self { device, clip, key, model, message, payload, cameras, config, gate })
     }
 
     fn subject(&self) -> Subject<'_> {
@@ -213,7 +214,6 @@ fn config(args: &EmbedArgs, (gate, bits): (&Gate, usize)) -> Result<EmbedConfig,
         Some(ExtractorArg::Joint) => ExtractorMode::Joint,
     };
     let mut config = EmbedConfig { seed: args.seed, size_px: args.views.size, ..EmbedConfig::new(profile, mode) };
-    config.radius = f64::from(args.views.radius);
     config.bases = match args.bases {
         None => config.bases,
         Some(BasesArg::Dc) => OffsetBases::Dc,
@@ -221,6 +221,7 @@ fn config(args: &EmbedArgs, (gate, bits): (&Gate, usize)) -> Result<EmbedConfig,
     };
     config.fov_deg = f64::from(args.views.fov);
     config.control_every = args.control_every;
+    config.tmsd_held = args.tmsd_held.unwrap_or(config.tmsd_held);
     config.distortions.clone_from(&args.distortions);
     spend(&args.effort, &mut config);
     if let Some(target) = args.target_psnr {

@@ -17,7 +17,7 @@ pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<Outcome, EngineE
     stop::listen(common);
     let device = devices::open(common)?;
     let model = Model::open(&args.model)?;
-    let clips = cameras(&args.views)?.clips();
+    let clips = cameras(&args.views, &model)?.clips();
     let total: usize = clips.iter().map(Vec::len).sum();
     let progress = bar(common, total as u64);
     let mut film = Film::new(&device, &model.gaussians, model.deformation.as_ref(), model.background)?;

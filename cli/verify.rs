@@ -25,7 +25,10 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
     let key = Key::read(&args.key, &clip)?;
     let sought = args.message.as_ref().map(|text| Sought::parse(text, &key)).transpose()?;
     let clean = match &args.original {
-        Some(path) => clean_clips(&device, &Model::open(path)?, &cameras(&args.views)?)?,
+        Some(path) => {
+            let model = Model::open(path)?;
+            clean_clips(&device, &model, &cameras(&args.views, &model)?)?
+        }
         None => Vec::new(),
     };
     let stranger = |path: &PathBuf| Ok(Stranger { name: path.display().to_string(), key: Key::read(path, &clip)? });

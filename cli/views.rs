@@ -2,15 +2,21 @@
 
 use guard4d_engine::EngineError;
 use guard4d_engine::scene::camera_paths::{Lens, Orbit};
-use guard4d_engine::scene::{CameraSet, ImageSize};
+use guard4d_engine::scene::{CameraSet, ImageSize, Model, Vantage};
 
 use crate::args::ViewArgs;
 
 /// Views when neither a camera file nor a number is given.
 const DEFAULT_ORBIT: u32 = 6;
 
-/// Cameras from a file, or an orbit around the scene's origin.
-pub(crate) fn cameras(args: &ViewArgs) -> Result<CameraSet, EngineError> {
+/// Where flags look at a model from, or what suits it.
+pub(crate) fn vantage(args: &ViewArgs, model: &Model) -> Vantage {
+    let Vantage { target, radius } = Vantage::of(model, f64::from(args.fov).to_radians());
+    Vantage { target: args.target.unwrap_or(target), radius: args.radius.unwrap_or(radius) }
+}
+
+/// Cameras from a file, or an orbit around the model.
+pub(crate) fn cameras(args: &ViewArgs, model: &Model) -> Result<CameraSet, EngineError> {
     let size = ImageSize::new(args.size.0, args.size.1)?;
     let times = even_times(args.frames);
     if let Some(path) = &args.cameras {
@@ -22,11 +28,12 @@ pub(crate) fn cameras(args: &ViewArgs) -> Result<CameraSet, EngineError> {
         }
         return Ok(set);
     }
+    let Vantage { target, radius } = vantage(args, model);
     let orbit = Orbit {
         views: args.orbit.unwrap_or(DEFAULT_ORBIT),
         elevation_deg: f64::from(args.elevation),
-        radius: f64::from(args.radius),
-        target: glam::Vec3::ZERO,
+        radius,
+        target: target.as_vec3(),
         lens: Lens { fov_x_rad: f64::from(args.fov).to_radians(), size },
     };
     Ok(orbit.cameras()?.at_times(&times))

@@ -7,6 +7,7 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
 use guard4d_engine::clip::{Clip, ClipSource};
+use guard4d_engine::media::clip::{ReadOptions, read_clip};
 use guard4d_engine::scene::ply;
 
 use super::{Run, command, guard4d, interrupted, is_begun, names, put, scratch};
@@ -68,6 +69,44 @@ fn what_exists_is_kept_unless_asked() {
         assert!(fs::read(&video).expect("readable").len() > 100, "the video is replaced");
         assert_eq!(names(folder.path()), left, "nothing beside it");
     }
+}
+
+#[test]
+fn a_static_capture_is_filmed_where_it_lies() {
+    if device().is_none() {
+        return;
+    }
+    let folder = scratch();
+    let mut far = gaussians(8, 0, 1);
+    for (mean, scale) in far.means.iter_mut().zip(&mut far.scales) {
+        *mean = mean.map(|v| v.clamp(-0.1, 0.1) + 30.0);
+        *scale = [-3.0; 3];
+    }
+    far.opacities.fill(3.0);
+    let model = put(folder.path(), "far.ply", &ply::encode(&far));
+    let filmed = |out: &str, flags: &[&str]| {
+        let frames = folder.path().join(out);
+        let mut args: Vec<&dyn AsRef<OsStr>> = vec![&"render", &model, &"--size", &"32x32", &"--frames", &"1"];
+        args.extend(["--orbit", "1", "--out"].iter().map(|flag| flag as &dyn AsRef<OsStr>));
+        args.push(&frames);
+        args.extend(flags.iter().map(|flag| flag as &dyn AsRef<OsStr>));
+        guard4d(&args).done();
+        read_clip(&frames, &ReadOptions::default()).expect("a film").frames()[0].rgb().to_vec()
+    };
+    let background = filmed("origin", &["--target=0,0,0", "--radius", "4"]);
+    assert!(background.iter().all(|v| *v == background[0]), "nothing is seen from around the origin");
+    let found = filmed("found", &[]);
+    let seen = |film: &[u8]| film.iter().zip(&background).filter(|(a, b)| a != b).count();
+    // A sphere that touches the frame's sides covers 0.79 of it; these splats are few, with room between them.
+    assert!(seen(&found) > found.len() / 10, "{} of {} values", seen(&found), found.len());
+    let small = filmed("told", &["--radius", "9"]);
+    assert!(seen(&small) > 0 && 4 * seen(&small) < seen(&found), "from far off: {} values", seen(&small));
+    let out = folder.path().join("none");
+    for (flag, value, words) in [("--target", "1,2", "three numbers"), ("--target", "a,b,c", "three numbers")] {
+        guard4d(&[&"render", &model, &"--out", &out, &flag, &value]).refused(2, &[words]);
+    }
+    guard4d(&[&"render", &model, &"--out", &out, &"--radius", &"0"]).refused(2, &["radius: 0"]);
+    assert!(!out.exists(), "no output, whole or partial");
 }
 
 /// Permission bits do not stop root, so a file stands where a folder is needed.

@@ -224,7 +224,7 @@ fn replayed_steps_give_the_bytes_of_steps_that_are_recorded_anew() {
 
 /// Settings of a short `joint` with a control in every `every`-th step.
 fn seldom(owner: &Owner, steps: usize, every: u32) -> EmbedConfig {
-    EmbedConfig { steps, control_every: every, ..config(owner, ExtractorMode::Joint) }
+    EmbedConfig { steps, control_every: every, tmsd_held: 0.0, ..config(owner, ExtractorMode::Joint) }
 }
 
 #[test]
@@ -261,6 +261,46 @@ fn every_second_step_has_a_control_clean_and_noisy_by_turns_also_after_a_break()
     for (step, quiet) in reports.iter().enumerate().take(3) {
         let loud = noisier.step().expect("steps").expect("there are six");
         assert_eq!(loud.control != quiet.control, step == 2, "step {step}: {loud:?}, {quiet:?}");
+    }
+}
+
+#[test]
+fn r_is_held_for_a_share_of_the_steps_and_then_trained_also_after_a_break() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    // Two of four steps are held; the third has a clean control, the fourth a noisy one.
+    let config = EmbedConfig { tmsd_held: 0.5, ..seldom(&owner, 4, 1) };
+    let prepare = || Embedding::prepare(owner.subject(&gpu), config.clone()).expect("prepares");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("checkpoint.safetensors");
+    let layers = |embedding: &mut Embedding<'_>| {
+        embedding.save(&path).expect("saves");
+        let file = TensorFile::read(&path).expect("a checkpoint");
+        let of = |name: &str| file.tensors[name].shape.clone();
+        let read = |name: &str| file.finite(name, &of(name)).expect("numbers").to_vec();
+        [read("tmsd.2.param"), read("tmsd.2.exp_avg")]
+    };
+    let mut first = prepare();
+    let fitted = layers(&mut first);
+    let mut reports = Vec::new();
+    for step in 0..2 {
+        let report = first.step().expect("steps").expect("there are four");
+        assert!(report.control == 0.0 && report.message > 0.0, "held step {step}: {report:?}");
+        reports.push(report);
+    }
+    assert_eq!(layers(&mut first), fitted, "R as it was fitted, and Adam knows of no gradient");
+    let (rest, unbroken) = train(first);
+    assert!(rest.iter().all(|report| report.control > 0.0), "{rest:?}");
+    let mut second = prepare();
+    second.restore(&path).expect("restores");
+    let (resumed_rest, resumed) = train(second);
+    assert_eq!(resumed_rest, rest, "what the steps after the break see");
+    assert!(coefficients(&unbroken) == coefficients(&resumed), "the same mark with and without a break");
+    assert_eq!(unbroken.extractor, resumed.extractor, "and the same extractor");
+    assert_ne!(unbroken.extractor.tmsd, prepare().fitted().tmsd, "R is trained in the end");
+    for tmsd_held in [-0.1, 1.0, f32::NAN] {
+        let refused = EmbedConfig { tmsd_held, ..config.clone() }.validate().expect_err("impossible").to_string();
+        assert!(refused.contains("tmsd_held"), "{tmsd_held}: {refused}");
     }
 }
 

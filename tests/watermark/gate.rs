@@ -58,9 +58,9 @@ fn by_default_it_asks_for_what_verify_needs() {
 #[test]
 fn training_that_ends_in_time_aims_at_it() {
     let gate = Gate::for_bits(16);
-    assert_eq!(gate.aim(), Aim { p_value: 1e-4, accuracy: 0.0 });
+    assert_eq!(gate.aim(), Aim { p_value: 1e-3, proven: 0.75, accuracy: 0.0 });
     let other = Gate { min_proven: 0.0, min_accuracy: Some(0.9), ..gate };
-    assert_eq!(other.aim(), Aim { p_value: 1.0, accuracy: 0.9 }, "bits alone");
+    assert_eq!(other.aim(), Aim { p_value: gate.fpr, proven: 0.0, accuracy: 0.9 }, "bits alone");
 }
 
 #[test]

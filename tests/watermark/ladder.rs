@@ -21,7 +21,7 @@ fn three_rungs(owner: &Owner) -> EmbedConfig {
     let third = Rung { bases: OffsetBases::All, steps: 4, ..second };
     let ladder = Ladder {
         rungs: vec![first, second, third],
-        aim: Aim { p_value: 0.0, accuracy: 1.0 },
+        aim: Aim { p_value: 0.0, proven: 1.0, accuracy: 1.0 },
         every: 2,
         patience: 100,
         held_out: 1,
@@ -97,17 +97,24 @@ fn each_rung_goes_on_from_the_one_below_also_after_a_break() {
 }
 
 #[test]
-fn a_mark_that_is_enough_settles_on_the_rung_where_it_is() {
+fn a_mark_that_is_enough_ends_on_the_rung_where_it_is() {
     let Some(gpu) = device() else { return };
     let owner = Owner::new(&gpu);
     let mut config = three_rungs(&owner).with_target(30.0);
     let ladder = config.ladder.as_mut().expect("there is one");
     // Any mark will do.
-    (ladder.aim, ladder.rungs[0].steps) = (Aim { p_value: 1.0, accuracy: 0.0 }, 60);
+    (ladder.aim, ladder.rungs[0].steps) = (Aim { p_value: 1.0, proven: 0.0, accuracy: 0.0 }, 4);
     let (reports, embedded) = train(prepare(&gpu, &owner, &config));
     let [rung] = embedded.rungs[..] else { panic!("one rung: {:?}", embedded.rungs) };
-    assert_eq!(rung.left, Left::Enough, "{rung:?}");
-    assert_eq!(rung.steps, 2, "one look: {rung:?}");
+    assert_eq!((rung.left, rung.steps), (Left::Enough, 4), "at its end: {rung:?}");
+    assert_eq!((embedded.steps, reports.len(), embedded.looks.len()), (4, 4, 1), "nothing is left to settle");
+
+    // The last rung ends at any look, while the rates are high.
+    let ladder = config.ladder.as_mut().expect("there is one");
+    ladder.rungs = vec![Rung { steps: 60, ..ladder.rungs[0] }];
+    let (reports, embedded) = train(prepare(&gpu, &owner, &config));
+    let [rung] = embedded.rungs[..] else { panic!("one rung: {:?}", embedded.rungs) };
+    assert_eq!((rung.left, rung.steps), (Left::Enough, 2), "at its first look: {rung:?}");
     assert_eq!((embedded.steps, reports.len()), (rung.steps + SETTLING, rung.steps + SETTLING), "steps");
 
     // Steps that end before a rung does are all that there are.
@@ -133,16 +140,21 @@ fn the_ladder_of_a_profile_keeps_extractor_and_bases() {
     let said = serde_json::to_value(&plain).expect("JSON");
     assert!(said["ladder"].is_null(), "as before there was a choice: {said}");
     for bases in [OffsetBases::Dc, OffsetBases::All] {
-        let config = EmbedConfig { bases, ..plain.clone() }.climbing(Aim { p_value: 1e-6, accuracy: 0.0 }, 48);
+        let config =
+            EmbedConfig { bases, ..plain.clone() }.climbing(Aim { p_value: 1e-6, proven: 1.0, accuracy: 0.0 }, 48);
         config.validate_for(48).expect("sensible");
         assert_eq!((config.mode, config.bases, config.responses), (plain.mode, bases, 48), "{config:?}");
         let ladder = config.ladder.expect("there is one");
-        let [first, last] = ladder.rungs[..] else { panic!("two rungs: {ladder:?}") };
-        assert!(first.reach < 1.0 && first.views < plain.views, "less at first: {first:?}");
+        let [first, second, last] = ladder.rungs[..] else { panic!("three rungs: {ladder:?}") };
+        assert!(
+            first.reach < 1.0 && first.views < second.views && second.steps < last.steps,
+            "less at first: {first:?}"
+        );
+        assert_eq!(first.steps + second.steps + last.steps, plain.steps, "all steps: {ladder:?}");
         assert_eq!(first.bases, bases, "of the same coefficients");
         assert_eq!((last.reach, last.views, last.bases), (1.0, plain.views, bases), "all at last");
     }
-    let mut bad = plain.climbing(Aim { p_value: 1e-3, accuracy: 0.9 }, 16);
+    let mut bad = plain.climbing(Aim { p_value: 1e-3, proven: 1.0, accuracy: 0.9 }, 16);
     bad.ladder.as_mut().expect("there is one").rungs.reverse();
     let refused = bad.validate().expect_err("downwards").to_string();
     assert!(refused.contains("ladder") && refused.contains("the one below"), "{refused}");

@@ -15,6 +15,7 @@ mod literal;
 pub mod model;
 pub mod ply;
 pub mod pth;
+pub mod vantage;
 
 pub use camera::{Camera, CameraSet, ImageSize, View};
 pub use cfg_args::DeformConfig;
@@ -22,6 +23,7 @@ pub use deformation::DeformationWeights;
 pub use gaussians::Gaussians;
 pub use model::Model;
 pub use ply::PlyFile;
+pub use vantage::Vantage;
 
 /// A [`EngineError::BadData`] about `field` of the file at `path`.
 pub(crate) fn bad_data(path: &Path, field: impl Display, got: impl Display, expected: impl Display) -> EngineError {

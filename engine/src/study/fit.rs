@@ -7,7 +7,6 @@ use super::report::Report;
 use super::row::Row;
 use super::summary::{self, Column, Findings};
 use super::table::Table;
-use crate::render::OffsetBases;
 use crate::watermark::embed::EmbedConfig;
 use crate::watermark::gate::Gate;
 
@@ -15,8 +14,6 @@ use crate::watermark::gate::Gate;
 const FULL: &str = "fit full";
 /// Name of the arm that stops.
 const AUTO: &str = "fit auto";
-/// Name of the arm that stops and has a sixteenth of the offsets.
-const FEW: &str = "fit auto, DC alone";
 
 /// Settings that stop as `embed --fit auto` does: at what its quality gate asks for.
 pub(super) fn auto(config: EmbedConfig) -> EmbedConfig {
@@ -27,8 +24,7 @@ pub(super) fn auto(config: EmbedConfig) -> EmbedConfig {
 /// Both, with the default's settings.
 pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
     let full = scale.default_config();
-    let dc = EmbedConfig { bases: OffsetBases::Dc, ..full.clone() };
-    vec![Arm::new(AUTO, auto(full.clone())), Arm::new(FEW, auto(dc)), Arm::new(FULL, full)]
+    vec![Arm::new(AUTO, auto(full.clone())), Arm::new(FULL, full)]
 }
 
 const COLUMNS: [Column; 11] = [
@@ -66,7 +62,7 @@ pub(super) fn report(findings: &Findings) -> Report {
             title: "bits right against CPU seconds, by scene".to_owned(),
             x: Axis::logarithmic("CPU seconds"),
             y: Axis::linear("bits right, %"),
-            series: [AUTO, FEW, FULL].map(curve).to_vec(),
+            series: [AUTO, FULL].map(curve).to_vec(),
         }],
         tables,
     }

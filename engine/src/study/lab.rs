@@ -20,7 +20,7 @@ use crate::media::Frame;
 use crate::media::clip::{ReadOptions, read_clip};
 use crate::media::encode::{EncodeOptions, OddSize, write_mp4};
 use crate::output::Existing;
-use crate::scene::{CameraSet, ImageSize};
+use crate::scene::{CameraSet, ImageSize, Vantage};
 use crate::watermark::cross_examination::{
     CrossExamination, OtherOwner, OtherOwners, OtherScene, Swap, Witnesses, cross_examine, read_other_owners,
     read_swap, swap_message,
@@ -104,13 +104,13 @@ impl<'a> Lab<'a> {
         // The next seed's key serves as the stranger's, so that seeds in a row serve one another.
         let stranger = self.key(&device, &clip, (seed.wrapping_add(1), arm.bits))?;
         let size = ImageSize::new(arm.config.size_px.0, arm.config.size_px.1)?;
-        let scene = self.scene(&device, &cell.scene, (arm.variant, size, arm.config.radius))?;
+        let scene = self.scene(&device, &cell.scene, (arm.variant, size))?;
         let elsewhere = self.other_scenes(&device, &cell.scene, arm)?;
         let message = key.own_message();
         let subject = Subject { device: &device, clip: &clip, key: &key, model: &scene.model, message: &message };
 
         let (wall, cpu) = (Instant::now(), ProcessTime::now());
-        let embedding = Embedding::prepare(subject, arm.config.clone())?;
+        let embedding = Embedding::prepare(subject, scene.framed(&arm.config))?;
         let fitted = embedding.fitted().clone();
         let embedded = train(embedding, watch)?;
         let (wall_s, cpu_s) = (wall.elapsed().as_secs_f64(), cpu.elapsed().as_secs_f64());
@@ -144,10 +144,10 @@ impl<'a> Lab<'a> {
         let clip = Clip::load(&device, &self.clip)?.in_precision(arm.precision);
         let key = self.key(&device, &clip, (u8::try_from(arm.config.seed).unwrap_or(u8::MAX), arm.bits))?;
         let size = ImageSize::new(arm.config.size_px.0, arm.config.size_px.1)?;
-        let scene = self.scene(&device, &cell.scene, (arm.variant, size, arm.config.radius))?;
+        let scene = self.scene(&device, &cell.scene, (arm.variant, size))?;
         let message = key.own_message();
         let subject = Subject { device: &device, clip: &clip, key: &key, model: &scene.model, message: &message };
-        let estimate = Estimate::of(subject, &arm.config)?;
+        let estimate = Estimate::of(subject, &scene.framed(&arm.config))?;
         Ok(estimate.resident_bytes + (estimate.clips as u64).div_ceil(2) * estimate.clip_bytes)
     }
 
@@ -169,7 +169,7 @@ impl<'a> Lab<'a> {
         &mut self,
         device: &Device,
         source: &SceneSource,
-        how: (Variant, ImageSize, f64),
+        how: (Variant, ImageSize),
     ) -> Result<Rc<Scene>, EngineError> {
         let name = format!("{source:?} {how:?}");
         if let Some(scene) = self.filmed.get(&name) {
@@ -188,7 +188,7 @@ impl<'a> Lab<'a> {
         arm: &Arm,
     ) -> Result<Vec<(String, Rc<Scene>)>, EngineError> {
         let side = arm.config.size_px.0;
-        let how = (Variant::AsIs, ImageSize::new(side, side)?, arm.config.radius);
+        let how = (Variant::AsIs, ImageSize::new(side, side)?);
         let others: Vec<_> = self.sources.iter().filter(|source| *source != marked).cloned().collect();
         others.into_iter().map(|source| Ok((source.to_string(), self.scene(device, &source, how)?))).collect()
     }
@@ -208,8 +208,8 @@ impl Marked<'_> {
     }
 
     fn film(&self, take: &Take) -> Result<HeldOut, EngineError> {
-        let Scene { model, cameras, .. } = self.scene;
-        let EmbedConfig { radius, size_px, .. } = self.arm.config;
+        let Scene { model, vantage, cameras, .. } = self.scene;
+        let EmbedConfig { size_px, .. } = self.arm.config;
         let size = ImageSize::new(size_px.0, size_px.1)?;
         let device = self.subject.device;
         let shoot = |strength: f32, cameras: &CameraSet| {
@@ -227,17 +227,18 @@ impl Marked<'_> {
             Take::H264(crf) => shoot(1.0, cameras)?.changed(|clip| through_h264(clip, crf)),
             Take::Strength(factor) => shoot(factor, cameras),
             Take::Frames(count) => shoot(1.0, cameras)?.changed(|clip| Ok(spread(clip, count))),
-            Take::Elevation(degrees) => shoot(1.0, &scene::orbit(size, degrees, radius)?.at_times(&all_times)),
+            Take::Elevation(degrees) => shoot(1.0, &scene::orbit(size, degrees, *vantage)?.at_times(&all_times)),
             Take::Distance(factor) => {
-                let cameras = scene::orbit(size, ORBIT_ELEVATION_DEG, factor * radius)?;
+                let cameras =
+                    scene::orbit(size, ORBIT_ELEVATION_DEG, Vantage { radius: factor * vantage.radius, ..*vantage })?;
                 shoot(1.0, &cameras.at_times(&all_times))
             }
             Take::Times(first, last) => {
-                let cameras = scene::orbit(size, ORBIT_ELEVATION_DEG, radius)?;
+                let cameras = scene::orbit(size, ORBIT_ELEVATION_DEG, *vantage)?;
                 shoot(1.0, &cameras.at_times(&scene::times(first, last)))
             }
             Take::Size(width, height) => {
-                let cameras = scene::orbit(ImageSize::new(width, height)?, ORBIT_ELEVATION_DEG, radius)?;
+                let cameras = scene::orbit(ImageSize::new(width, height)?, ORBIT_ELEVATION_DEG, *vantage)?;
                 shoot(1.0, &cameras.at_times(&all_times))
             }
         }
@@ -273,7 +274,7 @@ impl Marked<'_> {
         let message = swap_message(subject.message, subject.key);
         let second = Subject { message: &message, ..*subject };
         let start = Start::Frozen(extractor);
-        let copy = train(Embedding::prepare_with(second, self.arm.config.clone(), start)?, watch)?;
+        let copy = train(Embedding::prepare_with(second, self.scene.framed(&self.arm.config), start)?, watch)?;
         let held_out = HeldOut::shoot(subject.device, &self.scene.model, &copy.sh_coeffs, &self.scene.cameras)?;
         read_swap(subject, extractor, &held_out, &message)
     }
@@ -283,7 +284,7 @@ impl Marked<'_> {
         let subject = &self.subject;
         let message = rival.own_message();
         let theirs = Subject { message: &message, key: rival, ..*subject };
-        let copy = train(Embedding::prepare(theirs, self.arm.config.clone())?, watch)?;
+        let copy = train(Embedding::prepare(theirs, self.scene.framed(&self.arm.config))?, watch)?;
         let held_out = HeldOut::shoot(subject.device, &self.scene.model, &copy.sh_coeffs, &self.scene.cameras)?;
         let owners = [OtherOwner { name: "rival", clips: &held_out.marked }];
         read_other_owners(subject, &self.embedded.extractor, &owners)

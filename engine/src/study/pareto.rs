@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::chart::{Axis, Chart, Series};
 use super::fit;
 use super::methods::{guard4d, point, with_bits};
-use super::plan::{Arm, DEFAULT_BITS, Scale};
+use super::plan::{Arm, DEFAULT_BITS, Scale, Take};
 use super::report::Report;
 use super::summary::{self, Column, Findings, Group};
 use crate::clip::Precision;
@@ -23,6 +23,8 @@ const SIDES: [(u32, u32); 2] = [(1, 2), (2, 1)];
 const TARGETS: [f32; 4] = [36.0, 40.0, 46.0, 50.0];
 /// Steps from one control of `joint` to the next.
 const CONTROL_EVERY: [u32; 2] = [2, 4];
+/// Frames of every clip that the default's mark is read from again.
+const FRAMES: [usize; 3] = [1, 2, 4];
 /// Bits of the message beside the default's.
 const LENGTHS: [u32; 2] = [32, 48];
 
@@ -43,7 +45,7 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
     };
     let joint = scale.config(Profile::Balanced, ExtractorMode::Joint);
     let mut arms = vec![
-        default.clone(),
+        Arm { takes: std::iter::once(Take::Plain).chain(FRAMES.map(Take::Frames)).collect(), ..default.clone() },
         Arm::new("extractor none", scale.config(Profile::Balanced, ExtractorMode::None)),
         Arm::new("extractor joint", joint.clone()),
         with("fit auto".to_owned(), &|config| *config = fit::auto(config.clone())),
@@ -129,11 +131,11 @@ fn gain_over(default: &Group<'_>, group: &Group<'_>) -> Option<(f64, Option<f64>
     (!gains.is_empty()).then(|| (mean, (gains.len() > 1).then(|| (squares / (n - 1.0) / n).sqrt())))
 }
 
-/// Names of the arms that none of the others beats.
-fn front<'a>(groups: &[Group<'a>]) -> Vec<&'a str> {
-    let all: Vec<_> = groups.iter().filter_map(|g| Some((g.arm, Standing::of(g)?))).collect();
+/// Labels of the groups that none of the others beats.
+fn front(groups: &[Group<'_>]) -> Vec<String> {
+    let all: Vec<_> = groups.iter().filter_map(|g| Some((label(g), Standing::of(g)?))).collect();
     let kept = all.iter().filter(|(_, own)| !all.iter().any(|(_, other)| own.is_beaten_by(other)));
-    kept.map(|(arm, _)| *arm).collect()
+    kept.map(|(label, _)| label.clone()).collect()
 }
 
 /// Whether an arm's evidence is an exact p-value, and its message as long as the default's.
@@ -141,8 +143,14 @@ fn is_comparable(group: &Group<'_>) -> bool {
     group.rows.iter().all(|row| row.p_value.is_some() && row.bits == DEFAULT_BITS)
 }
 
-const COLUMNS: [Column; 15] = [
+/// What a group is called in the chart.
+fn label(group: &Group<'_>) -> String {
+    if group.take == Take::Plain.to_string() { group.arm.to_owned() } else { format!("{}, {}", group.arm, group.take) }
+}
+
+const COLUMNS: [Column; 16] = [
     summary::ARM,
+    summary::TAKE,
     summary::ROWS,
     summary::SECONDS,
     summary::CPU_SECONDS,
@@ -165,10 +173,9 @@ pub(super) fn report(findings: &Findings) -> Report {
     let shared = shared(&sound);
     let fair = findings.groups_where(|row| shared.contains(&(row.scene.as_str(), row.seed)));
     let best = front(&fair.into_iter().filter(is_comparable).collect::<Vec<_>>());
-    let series = |name: &str, groups: &[Group<'_>], keep: &dyn Fn(&str) -> bool, joined: bool| {
-        let of = groups.iter().filter(|g| keep(g.arm));
-        let mut points: Vec<_> =
-            of.filter_map(|g| point(g, g.mean(|r| r.cpu_s)?, |r| r.marked, g.arm.to_owned())).collect();
+    let series = |name: &str, groups: &[Group<'_>], keep: &dyn Fn(&String) -> bool, joined: bool| {
+        let of = groups.iter().filter(|g| keep(&label(g)));
+        let mut points: Vec<_> = of.filter_map(|g| point(g, g.mean(|r| r.cpu_s)?, |r| r.marked, label(g))).collect();
         points.sort_by(|a, b| a.x.total_cmp(&b.x));
         Series { name: name.to_owned(), points, joined }
     };
@@ -182,7 +189,7 @@ pub(super) fn report(findings: &Findings) -> Report {
             Some((gain, None)) => format!("{gain:+.1}"),
             None => String::new(),
         });
-        row.push(if best.contains(&group.arm) { "yes" } else { "" }.to_owned());
+        row.push(if best.contains(&label(group)) { "yes" } else { "" }.to_owned());
     }
     Report {
         title: "Seconds against accuracy and fidelity".to_owned(),
@@ -192,8 +199,8 @@ pub(super) fn report(findings: &Findings) -> Report {
             x: Axis::logarithmic("CPU seconds"),
             y: Axis::linear("bits right, %"),
             series: vec![
-                series("on the front", &sound, &|arm| best.contains(&arm), false),
-                series("beaten", &sound, &|arm| !best.contains(&arm), false),
+                series("on the front", &sound, &|label| best.contains(label), false),
+                series("beaten", &sound, &|label| !best.contains(label), false),
                 series("no exact p-value, or other bits", &rest, &|_| true, false),
             ],
         }],

@@ -4,7 +4,6 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use glam::Vec3;
 use guard4d_kernels::Device;
 
 use crate::demo;
@@ -12,7 +11,8 @@ use crate::error::EngineError;
 use crate::media::Frame;
 use crate::scene::camera_paths::{Lens, Orbit};
 use crate::scene::gaussians::{CHANNELS, SH_FLOATS};
-use crate::scene::{CameraSet, ImageSize, Model};
+use crate::scene::{CameraSet, ImageSize, Model, Vantage};
+use crate::watermark::embed::EmbedConfig;
 use crate::watermark::verify::clean_clips;
 
 /// The scene that ships inside the program.
@@ -25,6 +25,8 @@ const ORBIT_VIEWS: u32 = 6;
 pub(super) const ORBIT_FRAMES: u16 = 8;
 /// Their elevation in degrees.
 pub(super) const ORBIT_ELEVATION_DEG: f64 = 30.0;
+/// Field of view of the D-NeRF scenes, as training has it.
+const FOV_X_RAD: f64 = 0.691_111_2;
 /// DC coefficient of a colour: (colour − ½) / Y₀.
 const DC_PER_COLOUR: f32 = 1.0 / 0.282_094_79;
 
@@ -154,6 +156,8 @@ fn resample(model: &mut Model, count: usize) {
 /// A scene with the clips that training never sees.
 pub(super) struct Scene {
     pub(super) model: Model,
+    /// Where it is looked at from.
+    pub(super) vantage: Vantage,
     pub(super) cameras: CameraSet,
     /// Clean 8-bit frames of these cameras.
     pub(super) clean: Vec<Vec<Frame>>,
@@ -164,35 +168,38 @@ impl Scene {
     pub(super) fn open(
         device: &Device,
         source: &SceneSource,
-        (variant, size, radius): (Variant, ImageSize, f64),
+        (variant, size): (Variant, ImageSize),
     ) -> Result<Self, EngineError> {
-        let (mut model, cameras) = match source {
-            SceneSource::Demo => {
-                let unpacked = demo::Scene::unpack()?;
-                load(unpacked.path(), size, radius)?
-            }
-            SceneSource::Path(path) => load(path, size, radius)?,
+        let (mut model, vantage, cameras) = match source {
+            SceneSource::Demo => load(demo::Scene::unpack()?.path(), size)?,
+            SceneSource::Path(path) => load(path, size)?,
         };
         variant.apply(&mut model);
         let clean = clean_clips(device, &model, &cameras)?;
-        Ok(Self { model, cameras, clean })
+        Ok(Self { model, vantage, cameras, clean })
+    }
+
+    /// Settings whose training looks at the scene from where it fills the frame.
+    pub(super) fn framed(&self, config: &EmbedConfig) -> EmbedConfig {
+        EmbedConfig { vantage: self.vantage, ..config.clone() }
     }
 }
 
-fn load(path: &Path, size: ImageSize, radius: f64) -> Result<(Model, CameraSet), EngineError> {
+fn load(path: &Path, size: ImageSize) -> Result<(Model, Vantage, CameraSet), EngineError> {
     let model = Model::open(path)?;
+    let vantage = Vantage::of(&model, FOV_X_RAD);
     let cameras = match path.join(TEST_CAMERAS) {
         file if file.is_file() => CameraSet::open(&file, size)?,
-        _ => orbit(size, ORBIT_ELEVATION_DEG, radius)?.at_times(&times(0.0, 1.0)),
+        _ => orbit(size, ORBIT_ELEVATION_DEG, vantage)?.at_times(&times(0.0, 1.0)),
     };
-    Ok((model, cameras))
+    Ok((model, vantage, cameras))
 }
 
-/// A circle of views around the origin.
-pub(super) fn orbit(size: ImageSize, elevation_deg: f64, radius: f64) -> Result<CameraSet, EngineError> {
-    // The field of view of the D-NeRF scenes, as training has it.
-    let lens = Lens { fov_x_rad: 0.691_111_2, size };
-    Orbit { views: ORBIT_VIEWS, elevation_deg, radius, target: Vec3::ZERO, lens }.cameras()
+/// A circle of views.
+pub(super) fn orbit(size: ImageSize, elevation_deg: f64, vantage: Vantage) -> Result<CameraSet, EngineError> {
+    let lens = Lens { fov_x_rad: FOV_X_RAD, size };
+    let Vantage { target, radius } = vantage;
+    Orbit { views: ORBIT_VIEWS, elevation_deg, radius, target: target.as_vec3(), lens }.cameras()
 }
 
 /// Evenly spaced times from `first` to `last`.

@@ -14,8 +14,6 @@ use crate::error::EngineError;
 const ROUNDING: f64 = 1e-9;
 /// Share of clips that must each be proof enough: a clip that leaks should be, more often than not.
 const MIN_PROVEN: f64 = 0.5;
-/// How much smaller p-values have to be for training to end: the clips that it looks at are few.
-const AIM_MARGIN: f64 = 10.0;
 
 /// Least quality on held-out 8-bit frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,11 +67,12 @@ impl Gate {
         Self { min_proven: MIN_PROVEN, fpr, min_accuracy: None, min_psnr_db: None }
     }
 
-    /// What training that ends in time aims at: what the gate asks for of some clips, of all of them, and by a margin.
+    /// What training that ends in time aims at: what the gate asks for, of half of the clips that it lets fail besides, because
+    /// the clips that training looks at are few.
     #[must_use]
     pub fn aim(&self) -> Aim {
-        let p_value = if self.min_proven > 0.0 { self.fpr / AIM_MARGIN } else { 1.0 };
-        Aim { p_value, accuracy: self.min_accuracy.unwrap_or(0.0) }
+        let proven = if self.min_proven > 0.0 { 0.5 + 0.5 * self.min_proven } else { 0.0 };
+        Aim { p_value: self.fpr, proven, accuracy: self.min_accuracy.unwrap_or(0.0) }
     }
 
     /// Refuses bounds that no result can be compared with.

@@ -16,7 +16,7 @@ impl Embedding<'_> {
     pub(super) fn look(&mut self, report: &HeldOutReport) -> Result<(), EngineError> {
         self.standing.looks.push(Look::new(self.step, report));
         let Some(ladder) = &self.config.ladder else { return Ok(()) };
-        let verdict = match self.step.is_multiple_of(ladder.every) {
+        let verdict = match self.standing.is_look(ladder, self.step) {
             true => self.standing.judge(ladder, self.config.target_psnr, self.step, report),
             false => Verdict::Stay,
         };

@@ -62,8 +62,8 @@ pub(super) fn shots(
     let band = Band {
         azimuth_deg: 0.0..=360.0,
         elevation_deg: config.elevation_deg.0..=config.elevation_deg.1,
-        radius: config.radius..=config.radius,
-        target: glam::Vec3::ZERO,
+        radius: config.vantage.radius..=config.vantage.radius,
+        target: config.vantage.target.as_vec3(),
         lens: Lens { fov_x_rad: config.fov_deg.to_radians(), size },
     };
     let frames = u32::try_from(CLIP_FRAMES).expect("a clip is a handful of frames");

@@ -48,7 +48,7 @@ pub struct Estimate {
 
 impl Estimate {
     /// Prepares a sample and extrapolates: memory in proportion to the number of clips, time also to steps and random
-    /// fields. Of a ladder it is the most: all clips, and all steps as on the first rung. The times suppose that nothing else keeps the device busy.
+    /// fields. Of a ladder it is the most: all clips, and all steps as on the first rung; steps in which R is held count as if it were trained. The times suppose that nothing else keeps the device busy.
     ///
     /// # Errors
     /// As [`Embedding::prepare`], also when the sample does not fit into the memory budget.
@@ -56,7 +56,7 @@ impl Estimate {
         config.validate_for(subject.key.bits())?;
         let device = subject.device;
         let budget = device.memory_budget();
-        let few = EmbedConfig { responses: subject.key.bits(), ..config.clone() };
+        let few = EmbedConfig { responses: subject.key.bits(), tmsd_held: 0.0, ..config.clone() };
         let mut pool = ClipPool::draw(&subject, &few)?;
         let clips = pool.len();
         pool.thin_out(SAMPLED_CLIPS);
@@ -94,7 +94,7 @@ impl Estimate {
         let fitted = passes(config, config.on_rung(0).views as usize);
         // Each of these asks for a clip, and so does each step.
         let asked = fitted + config.steps as f64;
-        let measured = config.looks_every().map_or(0, |every| config.steps.div_ceil(every));
+        let measured = config.most_looks();
         Ok(Self {
             splats: subject.model.gaussians.len(),
             clips,

@@ -293,7 +293,11 @@ impl<'a> Embedding<'a> {
     /// Whether the step just taken is one whose result is measured on held-out clips.
     fn is_measured(&self) -> bool {
         let is_last = self.step == self.standing.steps(&self.config);
-        self.config.looks_every().is_some_and(|every| is_last || self.step.is_multiple_of(every))
+        match (&self.config.ladder, self.config.held_out_every) {
+            (Some(ladder), _) => is_last || self.standing.is_look(ladder, self.step),
+            (None, 0) => false,
+            (None, every) => is_last || self.step.is_multiple_of(every),
+        }
     }
 
     /// What the mark, as it is now, is worth on the held-out clips; `None` when there are none.
@@ -392,7 +396,7 @@ fn critic(
     let Subject { device, clip, key, message, .. } = *subject;
     let make = |purpose| {
         let mut features = FeatureExtractor::new(device, clip, weights.tmsd.as_ref(), branches, purpose)?;
-        if config.control_every > 1 {
+        if config.goes_without_control() {
             features.make_room_for_one(device)?;
         }
         let decoder = Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;

@@ -8,6 +8,7 @@ use guard4d_kernels::{Device, KernelError, Recorder, Section};
 
 use super::config::{Control, EmbedConfig};
 use super::step::{Critic, Rates};
+use crate::watermark::extractor::Training;
 
 /// How those passes come to the device. The results are the same to the bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -23,6 +24,7 @@ pub enum Repetition {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Constants {
     recomputes: bool,
+    training: Training,
     control: Control,
     lambda_msg: f32,
     lambda_control: f32,
@@ -59,6 +61,7 @@ impl Critic {
         }
         let constants = Constants {
             recomputes: self.features.recomputes(),
+            training: self.training_in(rates),
             control: config.control,
             lambda_msg: config.lambda_msg,
             lambda_control: config.lambda_control,
@@ -77,7 +80,7 @@ impl Critic {
 
     fn record_repeated(&mut self, rec: &mut Recorder, config: &EmbedConfig, rates: Rates) -> Result<(), KernelError> {
         self.features.read(rec)?;
-        let (training, pass) = (self.training(), self.pass_index(rates));
+        let (training, pass) = (self.training_in(rates), self.pass_index(rates));
         self.decoder.forward(rec, self.features.features(), &mut self.passes[pass])?;
         self.message_losses(rec, config, rates)?;
         let pass = &mut self.passes[pass];

@@ -246,9 +246,9 @@ impl Critic {
         };
         let size = config.frame_size();
         Ok(Self {
-            passes: match config.control_every {
-                1 => vec![decoder.pass(device, branches * CLIP_FRAMES)?],
-                _ => vec![decoder.pass(device, branches * CLIP_FRAMES)?, decoder.pass(device, CLIP_FRAMES)?],
+            passes: match config.goes_without_control() {
+                false => vec![decoder.pass(device, branches * CLIP_FRAMES)?],
+                true => vec![decoder.pass(device, branches * CLIP_FRAMES)?, decoder.pass(device, CLIP_FRAMES)?],
             },
             repeated: Repeated::default(),
             target: device.buffer_from("critic.target", &bits)?,
@@ -282,17 +282,23 @@ impl Critic {
         self.branches.get_mut(1).map(|branch| &mut branch.logits)
     }
 
+    /// Whether a step trains R.
+    pub(super) fn training_in(&self, rates: Rates) -> Training {
+        if rates.control == ControlTurn::Held { Training::Frozen } else { self.training() }
+    }
+
     /// The control of a step; without R in training there is none.
     fn control(&self, rates: Rates) -> ControlTurn {
         match self.training() {
             Training::Tmsd => rates.control,
-            Training::Frozen => ControlTurn::Skipped,
+            Training::Frozen => ControlTurn::Held,
         }
     }
 
     /// Which of `self.passes` a step goes through.
     pub(super) fn pass_index(&self, rates: Rates) -> usize {
-        usize::from(self.training() == Training::Tmsd && rates.control == ControlTurn::Skipped)
+        let alone = matches!(rates.control, ControlTurn::Held | ControlTurn::Skipped);
+        usize::from(self.training() == Training::Tmsd && alone)
     }
 
     /// A clip for a step. Where the budget has room for none beside the activations, those make room that the backward
@@ -384,7 +390,7 @@ impl Critic {
         rates: Rates,
     ) -> Result<(), KernelError> {
         match (self.control(rates), rates.distortion) {
-            (ControlTurn::Skipped, _) => self.features.stack(rec, &[&stage.resized]),
+            (ControlTurn::Held | ControlTurn::Skipped, _) => self.features.stack(rec, &[&stage.resized]),
             (ControlTurn::Clean | ControlTurn::Noisy, Some(drawn)) => {
                 stage.distort_control(rec, clip, drawn)?;
                 self.features.stack(rec, &[&stage.resized, &stage.noisy_resized])
@@ -411,13 +417,17 @@ impl Critic {
         let bits = self.target.len();
         let groups = Groups { groups: 1, rows: CLIP_FRAMES, bits };
         let len = CLIP_FRAMES * bits;
-        let read = if self.control(rates) == ControlTurn::Skipped { 1 } else { self.branches.len() };
+        let control = self.control(rates);
+        let read = match control {
+            ControlTurn::Held | ControlTurn::Skipped => 1,
+            ControlTurn::Clean | ControlTurn::Noisy => self.branches.len(),
+        };
         let pass = self.pass_index(rates);
         let pass = &mut self.passes[pass];
         for (i, branch) in self.branches.iter_mut().enumerate().take(read) {
             rec.copy(&pass.logits, i * len, &mut branch.logits, 0, len)?;
         }
-        if let [marked, control] = self.branches.as_mut_slice() {
+        if let ([marked, control], true) = (self.branches.as_mut_slice(), control != ControlTurn::Held) {
             rec.copy(&marked.logits, 0, &mut self.scratch_logits, 0, len)?;
             axpy::forward(rec, -1.0, &self.scratch_logits, &control.logits, &mut marked.logits)?;
         }
@@ -466,7 +476,7 @@ impl Critic {
             offset_penalty::step(rec, (&stage.offsets, blocks), v_offsets, term, &mut stage.penalty_sums)?;
         }
         adam::step(rec, &mut stage.offsets, &stage.v_offsets, &mut stage.offsets_state, &offset_adam(config, rates))?;
-        if self.training() == Training::Tmsd
+        if self.training_in(rates) == Training::Tmsd
             && let Some(tmsd) = self.features.tmsd()
         {
             let adam = AdamConfig { lr: config.lr_tmsd * rates.decay, ..AdamConfig::default() };
@@ -498,7 +508,7 @@ impl Critic {
         let marked = &logits[..self.branches[0].logits.len()];
         let objective = config.control.objective();
         let control = match self.control(rates) {
-            ControlTurn::Skipped => 0.0,
+            ControlTurn::Held | ControlTurn::Skipped => 0.0,
             ControlTurn::Clean | ControlTurn::Noisy => losses[1..].iter().fold(0.0, |sum, v| sum + objective.loss(*v)),
         };
         let recon = match config.lambda_recon > 0.0 {
