@@ -74,15 +74,20 @@ pub(crate) type Row = (&'static str, String);
 
 /// What was read from held-out frames, for people.
 pub(crate) fn reading_rows(e: &Evaluation) -> Vec<Row> {
-    vec![
+    let mut rows = vec![
         ("extractor", e.mode.to_string()),
         ("evidence", evidence_in_words(e.mode).to_owned()),
         ("bits right, marked clips", format!("{} of {} clips x {} bits", percent(e.marked), e.clips, e.bits)),
         ("messages without a wrong bit", format!("{} of {} clips", e.exact(), e.clips)),
+    ];
+    rows.extend(e.ids.map(|ids| ("the number, best of all", format!("{ids} of {} clips", e.clips))));
+    let rest = [
         ("bits right, single frames", percent(e.marked_frames)),
         ("clean control (50 % is chance)", percent(e.clean)),
         ("noisy control (50 % is chance)", percent(e.noisy)),
-    ]
+    ];
+    rows.extend(rest);
+    rows
 }
 
 /// How well held-out frames were kept and what that took in time and device memory, for people.

@@ -79,7 +79,9 @@ fn embedding_a_number_promises_its_kind() {
     };
     embed("id:12:4096").refused(2, &["id 4096", "0 to 4095"]);
     embed("id:12").refused(2, &["message: `id:12`", "id:12:N"]);
-    embed("id:12:1234").done();
+    let run = embed("id:12:1234");
+    run.done();
+    assert!(run.stdout.contains("the number, best of all"), "{}", run.stdout);
     let receipt = Receipt::read(&out.join("private").join(RECEIPT)).expect("our own receipt");
     assert_eq!(receipt.body.promise.payload, Some(IdBits::Twelve));
     let prf = Key::read(&key, &clip).expect("our own key").prf();

@@ -1,12 +1,17 @@
 //! The quality gate: what it asks for, and that nothing but enough passes it.
 
+use guard4d_engine::EngineError;
 use guard4d_engine::watermark::embed::Aim;
 use guard4d_engine::watermark::evaluate::Evaluation;
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::gate::{Figure, Gate};
+use guard4d_engine::watermark::id_code::IdBits;
+use guard4d_engine::watermark::message::{Message, Payload};
 use guard4d_engine::watermark::metrics::{Decibels, PsnrSummary, SquaredError};
 use guard4d_engine::watermark::null_panel::{ControlState, Leak};
 use guard4d_engine::watermark::per_bit::PerBit;
+use guard4d_engine::watermark::prf::{MasterSecret, Prf};
+use guard4d_engine::watermark::reading::Reading;
 
 fn evaluation(marked: f64, psnr_db: f64) -> Evaluation {
     let psnr = PsnrSummary::of(&[SquaredError { sum: 0.01, num_samples: 300 }]).expect("one view");
@@ -29,6 +34,8 @@ fn evaluation(marked: f64, psnr_db: f64) -> Evaluation {
         marked,
         marked_frames: marked,
         matches: vec![14; 6],
+        ids: None,
+        readings: Vec::new(),
         p_values: vec![1e-4, 1e-4, 1e-4, 1e-4, 1e-2, 0.5],
         clean: 0.5,
         clean_leak: leak.clone(),
@@ -53,6 +60,24 @@ fn by_default_it_asks_for_what_verify_needs() {
     let Gate { min_accuracy, min_psnr_db, min_proven, .. } = Gate::for_bits(16);
     assert_eq!((min_accuracy, min_psnr_db), (None, None), "nothing else unless asked for");
     assert_eq!(min_proven, 0.5, "of the clips, each alone");
+}
+
+#[test]
+fn clips_that_give_back_the_number_are_counted() {
+    let prf = Prf::new(&MasterSecret::from_bytes([3; 32]));
+    let message = Payload::parse("id:12:1234", 48).and_then(|payload| payload.message(&prf)).expect("an id");
+    let other = Payload::parse("id:12:1235", 48).and_then(|payload| payload.message(&prf)).expect("an id");
+    let sure = |message: &Message| message.bits().map(|bit| if bit { 2.0 } else { -2.0 }).collect::<Vec<f32>>();
+    let read = |logits: &[f32]| Reading::from_logits(logits, 48).expect("48 numbers");
+    let mut damaged = sure(&message);
+    damaged[..5].iter_mut().for_each(|logit| *logit *= -1.0);
+    let mut evaluation = evaluation(0.9, 43.0);
+    evaluation.readings = vec![read(&sure(&message)), read(&damaged), read(&sure(&other))];
+    evaluation.count_ids(IdBits::Twelve, &prf, &message).expect("a length of the code");
+    assert_eq!(evaluation.ids, Some(2), "five wrong bits do not matter, another number does");
+    let short = Payload::parse("hex:ab", 8).and_then(|payload| payload.message(&prf)).expect("a message");
+    let refused = evaluation.count_ids(IdBits::Twelve, &prf, &short).expect_err("8 bits carry no such number");
+    assert!(matches!(refused, EngineError::Usage { .. }), "{refused}");
 }
 
 #[test]

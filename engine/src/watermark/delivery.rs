@@ -57,6 +57,9 @@ pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result
     let device = subject.device;
     let held_out = HeldOut::shoot(device, subject.model, &embedded.sh_coeffs, cameras)?;
     let mut evaluation = held_out.evaluate(device, subject.clip, subject.key, &embedded.extractor, subject.message)?;
+    if let Some(id_bits) = delivery.payload {
+        evaluation.count_ids(id_bits, &subject.key.prf(), subject.message)?;
+    }
     if let Some(term) = &config.lpips {
         evaluation.lpips = Some(held_out.lpips(&Lpips::new(device, &term.weights, term.input)?)?);
     }

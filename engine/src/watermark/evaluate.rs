@@ -6,13 +6,13 @@ use serde::Serialize;
 
 use super::evidence::ExtractorMode;
 use super::extractor::{ExtractorWeights, Reader};
-use super::id_code::SearchedP;
+use super::id_code::{IdBits, IdCode, SearchedP};
 use super::key::Key;
 use super::message::Message;
 use super::metrics::{Picture, PsnrSummary, SquaredError, foreground, ssim};
 use super::null_panel::Leak;
 use super::per_bit::PerBit;
-use super::prf::{Purpose, standard_normal};
+use super::prf::{Prf, Purpose, standard_normal};
 use super::reading::Reading;
 use crate::clip::Clip;
 use crate::error::EngineError;
@@ -55,6 +55,13 @@ pub struct Evaluation {
     pub marked_frames: f64,
     /// Matches of each marked clip.
     pub matches: Vec<u32>,
+    /// Marked clips that each give back the number that was written, as the best of all numbers; left out where the message is
+    /// no number. See [`Evaluation::count_ids`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ids: Option<usize>,
+    /// Readings of the marked clips.
+    #[serde(skip)]
+    pub readings: Vec<Reading>,
     /// p-value of each marked clip alone, by the soft score; for `joint` what it would be if R had not seen the message.
     pub p_values: Vec<f64>,
     /// Share of the message's bits that clean clips show.
@@ -179,13 +186,16 @@ impl HeldOut {
         let p_of = |r: &Reading| SearchedP::of(r, message, 1).map(|p| p.soft_score);
         let p_values = marked.iter().map(p_of).collect::<Result<Vec<_>, _>>()?;
         let frames = marked.iter().map(|r| r.frame_accuracy(message)).collect::<Result<Vec<_>, _>>()?;
+        let accuracy = mean_accuracy(&marked, message)?;
         Ok(Evaluation {
             mode: extractor.mode,
             clips: marked.len(),
             bits: key.bits(),
-            marked: mean_accuracy(&marked, message)?,
+            marked: accuracy,
             marked_frames: frames.iter().map(|f| f.mean).sum::<f64>() / frames.len().max(1) as f64,
             matches,
+            ids: None,
+            readings: marked,
             p_values,
             clean: mean_accuracy(&clean, message)?,
             clean_leak: leak(&clean, message)?,
@@ -214,6 +224,22 @@ impl Evaluation {
     #[must_use]
     pub fn exact(&self) -> usize {
         self.matches.iter().filter(|&&matches| matches as usize == self.bits).count()
+    }
+
+    /// Decodes every marked clip as a number of this kind, and counts those that give `message`.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for a message of a length that the code has not.
+    pub fn count_ids(&mut self, id_bits: IdBits, prf: &Prf, message: &Message) -> Result<(), EngineError> {
+        let code = IdCode::new(id_bits, message.num_bits())?;
+        let pad = code.pad(prf)?;
+        let mut right = 0;
+        for reading in &self.readings {
+            let found = code.decode(reading.mean_logits(), &pad)?;
+            right += usize::from(code.message(found.id, &pad)? == *message);
+        }
+        self.ids = Some(right);
+        Ok(())
     }
 
     /// Share of the marked clips that each prove the message alone, at a false-positive rate of `fpr`.
