@@ -154,6 +154,10 @@ fn the_ladder_of_a_profile_keeps_extractor_and_bases() {
         assert_eq!(first.bases, bases, "of the same coefficients");
         assert_eq!((last.reach, last.views, last.bases), (1.0, plain.views, bases), "all at last");
     }
+    let joint = EmbedConfig::new(Profile::Draft, ExtractorMode::Joint);
+    assert!(joint.tmsd_held > 0.0, "R is held at first");
+    let climbing = joint.climbing(Aim { p_value: 1e-3, proven: 1.0, accuracy: 0.0 }, 16);
+    assert_eq!(climbing.tmsd_held, 0.0, "but not where training can end before its turn");
     let mut bad = plain.climbing(Aim { p_value: 1e-3, proven: 1.0, accuracy: 0.9 }, 16);
     bad.ladder.as_mut().expect("there is one").rungs.reverse();
     let refused = bad.validate().expect_err("downwards").to_string();

@@ -31,8 +31,8 @@ impl Vantage {
         if model.deformation.is_some() { Self::D_NERF } else { Self::around(&model.gaussians, fov_x_rad) }
     }
 
-    /// So far from the middle of the splats that they fill the frame of a lens with this field of view (rad). Middle is the median along
-    /// each axis, every splat counting by its opacity. [`Self::D_NERF`] where there is nothing to see.
+    /// So far from the middle of the splats that they fill the frame of a lens with this field of view (rad). The middle is
+    /// the median along each axis, every splat counting by its opacity. [`Self::D_NERF`] where there is nothing to see.
     #[must_use]
     pub fn around(gaussians: &Gaussians, fov_x_rad: f64) -> Self {
         let opacity = |logit: &f32| 1.0 / (1.0 + f64::from(-logit).exp());

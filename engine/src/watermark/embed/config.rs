@@ -31,8 +31,8 @@ const DEFAULT_NULL_GAIN: f64 = 1.0;
 const DEFAULT_NULL_LEVEL: f64 = 0.01;
 /// Standard deviation of the calibration's random offsets at that fidelity, in colour: nine 8-bit steps.
 const DEFAULT_RESPONSE_LEVEL: f64 = 0.035;
-/// Share of the steps before R of `joint` is trained. On 48 bits (robot, one key, 400 steps) training it from the start read 79.9 % at
-/// 50.4 dB, R learning to read a mark that is hardly there; this share reads 88.1 % at 45.1 dB in less time.
+/// Share of the steps before R of `joint` is trained. On 48 bits (robot, one key, 400 steps) training it from the start read
+/// 79.9 % at 50.4 dB, R learning to read a mark that is hardly there; this share reads 88.1 % at 45.1 dB in less time.
 const DEFAULT_TMSD_HELD: f32 = 0.5;
 /// Steps between two measurements on held-out clips: often enough to watch, seldom enough to cost little.
 const DEFAULT_HELD_OUT_EVERY: usize = 25;
@@ -269,7 +269,7 @@ pub struct EmbedConfig {
     pub lr_tmsd: f32,
     /// Share of the steps in which R of `joint` stays as it was fitted, at the start: the mark then goes where an R goes that
     /// never saw the message, and training R adds to that. Such steps cost what they cost in `blind`.
-    #[serde(skip_serializing_if = "is_none_held")]
+    #[serde(skip_serializing_if = "is_zero")]
     pub tmsd_held: f32,
     /// Share of the rates that is left at the end of the cosine.
     pub lr_floor: f32,
@@ -434,12 +434,15 @@ impl EmbedConfig {
         }
     }
 
-    /// The same, but no more of it than the asset needs. Training begins with a short run on the splats that carry most of the light
-    /// and half of the views, in which the rates go down to their floor; where held-out clips then fall short of what `aim`
-    /// asks for at the target fidelity, it goes on with all of them, for twice as long, and then with looks on the way for the rest. That fidelity is held from the start, so that this can be
-    /// soon, and the calibration makes do with half of the random fields. The extractor stays of its mode, and so do the bases: with DC
-    /// terms first, and the others on a third rung, more steps were needed than one rung with all takes. A mark whose rates are still
-    /// high is noise in good part: ended at such a time, the same took two to three times the steps.
+    /// The same, but no more of it than the asset needs. Training begins with a short run on the splats that carry most of
+    /// the light and half of the views, in which the rates go down to their floor; where held-out clips then fall short of
+    /// what `aim` asks for at the target fidelity, it goes on with all of them, for twice as long, and then with looks on the
+    /// way for the rest. A mark whose rates are still high is noise in good part: looked at on the way only, the same took two
+    /// to three times the steps. The fidelity is held from the start, so that the end can be soon, and the calibration makes
+    /// do with half of the random fields.
+    ///
+    /// The extractor stays of its mode; R of `joint` is trained from the start, since a short run would end before its turn.
+    /// The bases stay too: with DC terms first, and the others on a rung of their own, more steps were needed.
     #[must_use]
     pub fn climbing(self, aim: Aim, bits: usize) -> Self {
         let rung = |reach: f32, views: u32, steps: usize| Rung { bases: self.bases, reach, views, steps };
@@ -454,7 +457,7 @@ impl EmbedConfig {
         let ladder =
             Some(Ladder { rungs, aim, every: CLIMBING_EVERY, patience: PATIENCE, held_out: CLIMBING_HELD_OUT });
         let responses = self.responses.div_ceil(2).max(bits);
-        Self { start_psnr: self.target_psnr, responses, ladder, ..self }
+        Self { start_psnr: self.target_psnr, responses, tmsd_held: 0.0, ladder, ..self }
     }
 
     /// The settings for a model of this degree: without coefficients above DC there is no room to take for them.
@@ -671,7 +674,7 @@ fn is_one(number: &u32) -> bool {
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
-fn is_none_held(share: &f32) -> bool {
+fn is_zero(share: &f32) -> bool {
     *share <= 0.0
 }
 

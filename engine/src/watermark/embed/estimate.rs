@@ -48,7 +48,8 @@ pub struct Estimate {
 
 impl Estimate {
     /// Prepares a sample and extrapolates: memory in proportion to the number of clips, time also to steps and random
-    /// fields. Of a ladder it is the most: all clips, and all steps as on the first rung; steps in which R is held count as if it were trained. The times suppose that nothing else keeps the device busy.
+    /// fields. Of a ladder it is the most: all clips, and all steps as on the first rung. Steps in which R is held count as if
+    /// it were trained. The times suppose that nothing else keeps the device busy.
     ///
     /// # Errors
     /// As [`Embedding::prepare`], also when the sample does not fit into the memory budget.
