@@ -147,7 +147,7 @@ fn the_ladder_of_a_profile_keeps_extractor_and_bases() {
         let ladder = config.ladder.expect("there is one");
         let [first, second, last] = ladder.rungs[..] else { panic!("three rungs: {ladder:?}") };
         assert!(
-            first.reach < 1.0 && first.views < second.views && second.steps < last.steps,
+            first.reach < 1.0 && first.views < second.views && first.steps < second.steps,
             "less at first: {first:?}"
         );
         assert_eq!(first.steps + second.steps + last.steps, plain.steps, "all steps: {ladder:?}");
