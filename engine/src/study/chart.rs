@@ -9,6 +9,9 @@ use super::svg::{drawing, text};
 /// Picture, and margins for the labels: left, top, right, bottom.
 const SIZE: (f64, f64) = (940.0, 460.0);
 const MARGIN: (f64, f64, f64, f64) = (64.0, 30.0, 280.0, 92.0);
+/// Names on an axis beyond which they stand steeper, and what they take below besides.
+const CROWD: usize = 12;
+const CROWD_BELOW: f64 = 60.0;
 /// About so many grid lines on an axis.
 const GRID_LINES: f64 = 7.0;
 const LEGEND_LINE: f64 = 17.0;
@@ -70,6 +73,15 @@ impl Axis {
     #[must_use]
     pub fn of_names(names: Vec<String>) -> Self {
         Self { names, ..Self::linear("") }
+    }
+
+    /// Degrees by which its words are turned, and room that they take below the usual.
+    fn slant(&self) -> (f64, f64) {
+        match self.names.len() {
+            0 => (0.0, 0.0),
+            1..=CROWD => (-28.0, 0.0),
+            _ => (-60.0, CROWD_BELOW),
+        }
     }
 }
 
@@ -150,7 +162,7 @@ impl Chart {
         for (number, series) in self.series.iter().enumerate() {
             draw(&mut body, (&x, &y), number, series);
         }
-        drawing(SIZE, &body)
+        drawing((SIZE.0, SIZE.1 + self.x.slant().1), &body)
     }
 
     fn grid(&self, out: &mut String, x: &Span, y: &Span) {
@@ -161,15 +173,16 @@ impl Chart {
         for (v, words) in y.ticks(&self.y) {
             text(out, (left - 6.0, y.at(v) + 4.0), "end", &words);
         }
+        let (turn, _) = self.x.slant();
         for (v, words) in x.ticks(&self.x) {
             // Names are long: they stand aslant.
-            let (turn, anchor) = if self.x.names.is_empty() { ("", "middle") } else { (" rotate(-28)", "end") };
+            let anchor = if self.x.names.is_empty() { "middle" } else { "end" };
             let words = super::svg::escaped(&words);
             let (at, below) = (x.at(v), bottom + 16.0);
             line(
                 out,
                 &format!(
-                    "<text transform=\"translate({at:.1} {below})   {turn}\" text-anchor=\"{anchor}\">{words}</text>"
+                    "<text transform=\"translate({at:.1} {below}) rotate({turn})\" text-anchor=\"{anchor}\">{words}</text>"
                 ),
             );
         }
@@ -228,6 +241,20 @@ mod tests {
         let svg = chart.svg();
         assert_eq!(svg.matches(&format!("r=\"{DOT}\"")).count(), 1, "what is not a number is not drawn");
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+    }
+
+    #[test]
+    fn many_names_stand_steeper_and_have_room() {
+        let of = |names: usize| {
+            let names = (0..names).map(|i| format!("name {i}")).collect();
+            let x = Axis::of_names(names);
+            Chart { title: String::new(), x, y: Axis::linear("%"), series: Vec::new() }.svg()
+        };
+        let (few, many) = (of(CROWD), of(CROWD + 1));
+        assert!(few.contains("rotate(-28)") && !few.contains("rotate(-60)"), "{few}");
+        assert!(many.contains("rotate(-60)") && !many.contains("rotate(-28)"), "{many}");
+        let below = |svg: &str| svg.contains(&format!(" {}", SIZE.1 + CROWD_BELOW));
+        assert!(below(&many) && !below(&few), "a taller picture: {many}");
     }
 
     #[test]
