@@ -357,7 +357,8 @@ pub(crate) struct EmbedArgs {
     pub(crate) distortions: Vec<Distortion>,
     #[command(flatten)]
     pub(crate) effort: EffortArgs,
-    /// Fidelity to hold, in dB over whole frames, instead of the profile's
+    /// Fidelity to hold at least, in dB over whole frames, instead of the profile's; marks are as strong as it allows, to
+    /// within a few dB
     #[arg(long)]
     pub(crate) target_psnr: Option<f32>,
     /// Quality gate: least share of bits right on unseen clips, 0 to 1, instead of what it asks for by default: that half
@@ -370,6 +371,9 @@ pub(crate) struct EmbedArgs {
     /// SH coefficients to write into, by default `all`
     #[arg(long, value_enum)]
     pub(crate) bases: Option<BasesArg>,
+    /// Most that an offset may be, as a change of its splat's colour from 0 to 1: less is harder to see, and survives less
+    #[arg(long, value_name = "COLOUR")]
+    pub(crate) max_offset: Option<f32>,
     /// Change only the splats that together carry this share of the light in the training views: 1 all, 0.9 far fewer
     #[arg(long, value_name = "SHARE")]
     pub(crate) reach: Option<f32>,

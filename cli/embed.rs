@@ -228,6 +228,7 @@ fn config(args: &EmbedArgs, (gate, bits): (&Gate, usize)) -> Result<EmbedConfig,
         config = config.with_target(target);
     }
     aim(&args.objective, &mut config);
+    config.max_offset = args.max_offset.or(config.max_offset);
     config.reach = args.reach.unwrap_or(config.reach);
     config.lpips = lpips(&args.lpips)?;
     Ok(match args.fit {

@@ -96,6 +96,10 @@ pub(crate) fn cost_rows(e: &Evaluation, seconds: &BTreeMap<String, f64>, peak_me
     let mut rows = vec![
         ("PSNR whole frame", format!("{:.2} dB", e.psnr.mean_of_views_db.0)),
         ("PSNR object only", format!("{:.2} dB", e.foreground_psnr.mean_of_views_db.0)),
+        (
+            "colour difference, object (CIEDE2000)",
+            format!("{:.2}, one pixel in twenty above {:.2}", e.colour_difference.mean, e.colour_difference.p95),
+        ),
         ("SSIM", format!("{:.4}", e.ssim)),
     ];
     rows.extend(e.lpips.map(|lpips| ("LPIPS", format!("{lpips:.5}"))));

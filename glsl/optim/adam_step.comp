@@ -5,13 +5,14 @@
 //   out  param [n] (=)   exp_avg [n] (=)   exp_avg_sq [n] (=)
 //   twin kernels/src/reference/optim/adam.rs   bias_i = 1 - beta_i^t and keep = 1 - decay, from the host
 //   parameter groups: in rows of ROW elements the first HEAD move at lr, the others at lr_tail
+//   bound: largest magnitude that a parameter has after the step; NaN stays
 //   in   rates: a factor on both rates for each row, from row first_row on (RATED)
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;
 #include "lib/texels.glsl"
 layout(constant_id = 0) const uint ROW = 1;
 layout(constant_id = 1) const uint HEAD = 1;
-layout(push_constant) uniform Params { uint texels, first_row; float lr, lr_tail, beta1, beta2, eps, bias1, bias2, keep; } p;
+layout(push_constant) uniform Params { uint texels, first_row; float lr, lr_tail, beta1, beta2, eps, bias1, bias2, keep, bound; } p;
 TEXELS_F32(0, param_before);
 TEXELS_F32(1, exp_avg_before);
 TEXELS_F32(2, exp_avg_sq_before);
@@ -38,5 +39,7 @@ void main() {
     uvec4 row = p.first_row + element / ROW;
     lr *= vec4(texel_pick(rates, row.x), texel_pick(rates, row.y), texel_pick(rates, row.z), texel_pick(rates, row.w));
 #endif
-    param[i] = p.keep * texel_load(param_before, at) - lr * (first / p.bias1) / (sqrt(second / p.bias2) + p.eps);
+    vec4 moved = p.keep * texel_load(param_before, at) - lr * (first / p.bias1) / (sqrt(second / p.bias2) + p.eps);
+    vec4 bound = vec4(p.bound);
+    param[i] = mix(mix(moved, bound, greaterThan(moved, bound)), -bound, lessThan(moved, -bound));
 }

@@ -377,6 +377,33 @@ fn steps_go_through_distortions_and_come_back() {
     }
 }
 
+#[test]
+fn no_offset_exceeds_its_bound() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    // Colour per unit of a DC coefficient: 1 / (2 sqrt(pi)).
+    let dc = 0.282_094_8f32;
+    let largest = |max_offset: Option<f32>| {
+        let config = EmbedConfig { steps: 6, max_offset, ..config(&owner, ExtractorMode::Blind) };
+        let (_, embedded) = train(Embedding::prepare(owner.subject(&gpu), config).expect("prepares"));
+        let pairs = embedded.sh_coeffs.iter().zip(&owner.model.gaussians.sh_coeffs);
+        pairs.map(|(marked, clean)| dc * (marked - clean).abs()).fold(0.0, f32::max)
+    };
+    let (free, bound) = (largest(None), 2e-3);
+    assert!(free > 2.0 * bound, "without a bound: {free}");
+    let bounded = largest(Some(bound));
+    // Some offset is at the bound; coefficients of about 2 are rounded by 1e-7.
+    assert!((bounded - bound).abs() < 2e-7, "{bounded}");
+    let default = EmbedConfig::new(Profile::Draft, ExtractorMode::Blind);
+    let of = |config: &EmbedConfig| config.max_offset.expect("has one");
+    let louder = default.clone().with_target(default.target_psnr - 20.0);
+    assert!((of(&louder) / of(&default) - 10.0).abs() < 1e-4, "ten times as strong at 20 dB less");
+    for bad in [-1e-3, f32::NAN, f32::INFINITY] {
+        let refused = EmbedConfig { max_offset: Some(bad), ..default.clone() }.validate().expect_err("no bound");
+        assert!(refused.to_string().contains("max_offset"), "{bad}: {refused}");
+    }
+}
+
 /// LPIPS with a random network.
 fn lpips(lambda: f32, crop_px: Option<u32>, every: u32) -> LpipsTerm {
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -555,6 +582,7 @@ fn the_papers_profiles_have_its_weights_and_keep_them() {
         assert_close(&weights, &[0.03, 1.0, 0.2, 10.0], 0.0, 0.0);
         // Rates of 5e-3 and 2.5e-4; the product is off by a rounding.
         assert_close(&[config.lr_dc, config.lr_dc * config.lr_rest_share], &[5e-3, 2.5e-4], 0.0, 1e-6);
+        assert_eq!(config.max_offset, None, "{profile:?}: the paper bounds offsets by their penalty");
         let held = config.clone().with_target(44.0);
         assert_close(&[held.target_psnr, held.lr_dc, held.margin], &[44.0, 5e-3, 0.0], 0.0, 0.0);
     }

@@ -1,6 +1,7 @@
 //! The quality gate: what it asks for, and that nothing but enough passes it.
 
 use guard4d_engine::EngineError;
+use guard4d_engine::watermark::colour_difference::ColourDifference;
 use guard4d_engine::watermark::embed::Aim;
 use guard4d_engine::watermark::evaluate::Evaluation;
 use guard4d_engine::watermark::evidence::ExtractorMode;
@@ -45,6 +46,7 @@ fn evaluation(marked: f64, psnr_db: f64) -> Evaluation {
         noisy_bits: bits,
         psnr: PsnrSummary { mean_of_views_db: Decibels(psnr_db), ..psnr },
         foreground_psnr: psnr,
+        colour_difference: ColourDifference { mean: 1.0, p95: 3.0 },
         ssim: 1.0,
         lpips: None,
     }

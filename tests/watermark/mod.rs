@@ -1,4 +1,5 @@
 mod calibration;
+mod colour_difference;
 mod control_losses;
 mod cross_examination;
 mod decoder;

@@ -138,13 +138,15 @@ pub(super) fn report2(findings: &Findings) -> Report {
     }
 }
 
-const COLUMNS: [Column; 16] = [
+const COLUMNS: [Column; 18] = [
     summary::ARM,
     summary::ROWS,
     summary::MARKED,
     summary::EXACT,
     summary::PSNR,
     summary::OBJECT,
+    summary::COLOUR,
+    summary::COLOUR_P95,
     summary::SSIM,
     summary::LPIPS,
     summary::CLEAN,

@@ -25,6 +25,8 @@ const TARGETS: [f32; 4] = [36.0, 40.0, 46.0, 50.0];
 const CONTROL_EVERY: [u32; 2] = [2, 4];
 /// Frames of every clip that the default's mark is read from again.
 const FRAMES: [usize; 3] = [1, 2, 4];
+/// Largest offsets against the default's.
+const MAX_OFFSETS: [f32; 2] = [0.5, 2.0];
 /// Bits of the message beside the default's.
 const LENGTHS: [u32; 2] = [32, 48];
 
@@ -55,6 +57,7 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
         with("constant rates".to_owned(), &|config| config.lr_floor = 1.0),
         with(format!("a margin of {MARGIN} instead of cross-entropy"), &|config| config.margin = MARGIN),
         with(format!("splats with {REACH} of the light"), &|config| config.reach = REACH),
+        with("offsets without a bound".to_owned(), &|config| config.max_offset = None),
         with("half of the clips".to_owned(), &|config| config.views = (config.views / 2).max(1)),
     ];
     let steps: &[(usize, usize)] = if scale.quick { &STEPS[..2] } else { &STEPS };
@@ -70,6 +73,10 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
     if scale.quick {
         return arms;
     }
+    arms.extend(MAX_OFFSETS.map(|times| {
+        let bound = default.config.max_offset.map(|bound| times * bound);
+        with(format!("largest offset x{times}"), &|config| config.max_offset = bound)
+    }));
     arms.extend(TARGETS.map(|psnr| with(format!("{psnr} dB"), &|config| *config = config.clone().with_target(psnr))));
     arms.extend(SIDES.map(|(times, over)| {
         let side = scale.size_px * times / over;
@@ -148,7 +155,7 @@ fn label(group: &Group<'_>) -> String {
     if group.take == Take::Plain.to_string() { group.arm.to_owned() } else { format!("{}, {}", group.arm, group.take) }
 }
 
-const COLUMNS: [Column; 16] = [
+const COLUMNS: [Column; 18] = [
     summary::ARM,
     summary::TAKE,
     summary::ROWS,
@@ -159,6 +166,8 @@ const COLUMNS: [Column; 16] = [
     summary::MARKED,
     summary::PROVEN,
     summary::PSNR,
+    summary::COLOUR,
+    summary::COLOUR_P95,
     summary::SSIM,
     summary::LPIPS,
     summary::CLEAN,

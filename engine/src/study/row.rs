@@ -70,6 +70,10 @@ pub struct Row {
     pub psnr_db: Option<f64>,
     /// The same over the object's pixels.
     pub object_psnr_db: Option<f64>,
+    /// CIEDE2000 over the object's pixels, mean.
+    pub colour_mean: Option<f64>,
+    /// The same, exceeded by one pixel in twenty.
+    pub colour_p95: Option<f64>,
     /// SSIM.
     pub ssim: Option<f64>,
     /// LPIPS, with a network for it.
@@ -192,6 +196,8 @@ impl Row {
             noisy_in_band: quiet(&e.noisy_leak),
             psnr_db: Some(e.psnr.mean_of_views_db.0),
             object_psnr_db: Some(e.foreground_psnr.mean_of_views_db.0),
+            colour_mean: Some(e.colour_difference.mean),
+            colour_p95: Some(e.colour_difference.p95),
             ssim: Some(e.ssim),
             lpips: e.lpips,
             ..self

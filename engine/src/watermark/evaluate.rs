@@ -4,6 +4,7 @@ use guard4d_kernels::Device;
 use rand_chacha::ChaCha20Rng;
 use serde::Serialize;
 
+use super::colour_difference::{ColourDifference, pixels_within};
 use super::evidence::ExtractorMode;
 use super::extractor::{ExtractorWeights, Reader};
 use super::id_code::{IdBits, IdCode, SearchedP};
@@ -38,6 +39,8 @@ pub struct HeldOut {
     /// Squared errors per frame, whole and foreground; marked 8-bit against clean float.
     errors: Vec<(SquaredError, SquaredError)>,
     ssim: Vec<f64>,
+    /// CIEDE2000 of the object's pixels, 8-bit against 8-bit.
+    colour_differences: Vec<f32>,
 }
 
 /// Bit accuracies over clips (mean logits of each clip) and fidelity.
@@ -80,6 +83,8 @@ pub struct Evaluation {
     pub psnr: PsnrSummary,
     /// Fidelity of the object alone.
     pub foreground_psnr: PsnrSummary,
+    /// How different the object's colours look.
+    pub colour_difference: ColourDifference,
     /// Mean SSIM.
     pub ssim: f64,
     /// Mean LPIPS of the 8-bit frames, when a network for it was given.
@@ -98,7 +103,13 @@ impl HeldOut {
         let gaussians = Gaussians { sh_coeffs: marked_sh.to_vec(), ..model.gaussians.clone() };
         let marked_frames = film(device, model, &gaussians, &clips)?;
         let empty = || vec![Vec::new(); clips.len()];
-        let mut out = Self { marked: empty(), clean: empty(), errors: Vec::new(), ssim: Vec::new() };
+        let mut out = Self {
+            marked: empty(),
+            clean: empty(),
+            errors: Vec::new(),
+            ssim: Vec::new(),
+            colour_differences: Vec::new(),
+        };
         for ((number, width, height, clean), (.., marked)) in clean_frames.into_iter().zip(marked_frames) {
             let frame = Frame::from_rgba32f(width, height, &marked)?;
             let clamped: Vec<f32> = clean.iter().map(|v| v.clamp(0.0, 1.0)).collect();
@@ -108,7 +119,9 @@ impl HeldOut {
             let whole = SquaredError::between(&picture, &reference)?;
             out.errors.push((whole, SquaredError::within(&picture, &reference, &mask)?));
             out.ssim.push(ssim(&picture, &reference)?);
-            out.clean[number].push(Frame::from_rgba32f(width, height, &clean)?);
+            let clean = Frame::from_rgba32f(width, height, &clean)?;
+            out.colour_differences.extend(pixels_within(&frame, &clean, &mask)?);
+            out.clean[number].push(clean);
             out.marked[number].push(frame);
         }
         Ok(out)
@@ -204,6 +217,7 @@ impl HeldOut {
             noisy_leak: leak(&noisy, message)?,
             noisy_bits: PerBit::of(&noisy, message)?,
             psnr: self.psnr()?,
+            colour_difference: ColourDifference::of(self.colour_differences.clone()).ok_or_else(no_frame)?,
             foreground_psnr: summary(self.errors.iter().map(|(_, object)| *object))?,
             ssim: self.ssim.iter().sum::<f64>() / self.ssim.len().max(1) as f64,
             lpips: None,
@@ -212,11 +226,15 @@ impl HeldOut {
 }
 
 fn summary(errors: impl Iterator<Item = SquaredError>) -> Result<PsnrSummary, EngineError> {
-    PsnrSummary::of(&errors.collect::<Vec<_>>()).ok_or_else(|| EngineError::Usage {
+    PsnrSummary::of(&errors.collect::<Vec<_>>()).ok_or_else(no_frame)
+}
+
+fn no_frame() -> EngineError {
+    EngineError::Usage {
         what: "held-out cameras".to_owned(),
-        got: "no frame".to_owned(),
+        got: "no frame that shows the object".to_owned(),
         expected: "at least one view at one time".to_owned(),
-    })
+    }
 }
 
 impl Evaluation {

@@ -2,6 +2,7 @@
 
 pub mod calibration;
 pub mod capacity;
+pub mod colour_difference;
 pub mod cross_examination;
 pub mod decoder;
 mod decoder_training;

@@ -19,6 +19,9 @@ pub struct AdamConfig {
     pub eps: f32,
     /// Factor on the parameter before the step: 1 − decay.
     pub keep: f32,
+    /// Largest magnitude that a parameter has after the step: the step ends in the box of that size (projected gradient
+    /// descent). Infinite for none.
+    pub bound: f32,
     /// Second parameter group inside the buffer.
     pub tail: Option<Tail>,
 }
@@ -36,7 +39,7 @@ pub struct Tail {
 
 impl Default for AdamConfig {
     fn default() -> Self {
-        Self { lr: 1e-3, beta1: 0.9, beta2: 0.999, eps: 1e-8, keep: 1.0, tail: None }
+        Self { lr: 1e-3, beta1: 0.9, beta2: 0.999, eps: 1e-8, keep: 1.0, bound: f32::INFINITY, tail: None }
     }
 }
 
@@ -100,7 +103,7 @@ pub fn step(
     state.steps += 1;
     let exponent = i32::try_from(state.steps).unwrap_or(i32::MAX);
     let (bias1, bias2) = (1.0 - config.beta1.powi(exponent), 1.0 - config.beta2.powi(exponent));
-    let AdamConfig { lr, beta1, beta2, eps, keep, .. } = *config;
+    let AdamConfig { lr, beta1, beta2, eps, keep, bound, .. } = *config;
     let (row_size, head) = (dim(row), dim(head));
     for rows in rec.pieces(n / row, size_of::<f32>() * row) {
         let part = |buffer: &Buffer<f32>| buffer.part(rows.start * row..rows.end * row);
@@ -123,7 +126,7 @@ pub fn step(
                 };
                 let (texels, first_row) = (dim(threads), dim(rows.start));
                 let params =
-                    $module::Params { texels, first_row, lr, lr_tail, beta1, beta2, eps, bias1, bias2, keep };
+                    $module::Params { texels, first_row, lr, lr_tail, beta1, beta2, eps, bias1, bias2, keep, bound };
                 rec.dispatch_spec(bind, params, $module::Spec { row: row_size, head }, Grid::threads(threads))?;
             }};
         }

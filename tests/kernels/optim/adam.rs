@@ -10,7 +10,7 @@ use crate::support::gpu::{Gpu, device};
 use crate::support::random::Random;
 
 fn twin_config(config: &AdamConfig, t: i32) -> twin::Adam<'static, f32> {
-    let AdamConfig { lr, beta1, beta2, eps, keep, tail } = *config;
+    let AdamConfig { lr, beta1, beta2, eps, keep, bound, tail } = *config;
     let tail = tail.map(|t| (t.row, t.head, t.lr));
     twin::Adam {
         lr,
@@ -20,6 +20,7 @@ fn twin_config(config: &AdamConfig, t: i32) -> twin::Adam<'static, f32> {
         bias1: 1.0 - beta1.powi(t),
         bias2: 1.0 - beta2.powi(t),
         keep,
+        bound,
         tail,
         rates: None,
     }
@@ -36,7 +37,8 @@ fn first_step_moves_each_parameter_by_lr_against_its_gradient() {
     // At t = 1 both bias corrections cancel: the step is lr g / (|g| + eps).
     let (bias1, bias2) = (1.0 - 0.9, 1.0 - 0.999);
     let (beta1, beta2) = (0.9, 0.999);
-    let mut config = twin::Adam { lr: 0.1, beta1, beta2, eps: 0.0, bias1, bias2, keep: 1.0, tail: None, rates: None };
+    let (keep, bound) = (1.0, f64::INFINITY);
+    let mut config = twin::Adam { lr: 0.1, beta1, beta2, eps: 0.0, bias1, bias2, keep, bound, tail: None, rates: None };
     let mut param = [1.0f64, -2.0];
     twin::step(&config, &mut param, &[3.0, -0.5], &mut [0.0; 2], &mut [0.0; 2]);
     assert!((param[0] - 0.9).abs() < 1e-12 && (param[1] + 1.9).abs() < 1e-12, "{param:?}");
@@ -50,6 +52,11 @@ fn first_step_moves_each_parameter_by_lr_against_its_gradient() {
     twin::step(&config, &mut param, &[1.0; 6], &mut [0.0; 6], &mut [0.0; 6]);
     let want = [0.0, 0.0, 0.0, -0.2, -1.0, -1.0];
     assert!(param.iter().zip(want).all(|(p, w)| (p - w).abs() < 1e-12), "a still row and a fast one: {param:?}");
+    config.bound = 0.3;
+    let mut param = [0.0f64; 6];
+    twin::step(&config, &mut param, &[1.0, -1.0, 1.0, 1.0, -1.0, 1.0], &mut [0.0; 6], &mut [0.0; 6]);
+    let want = [0.0, 0.0, 0.0, -0.2, 0.3, -0.3];
+    assert!(param.iter().zip(want).all(|(p, w)| (p - w).abs() < 1e-12), "within the bound: {param:?}");
 }
 
 #[test]
@@ -117,6 +124,42 @@ fn gpu_follows_the_twin_at_rates_of_rows_and_a_rate_of_zero_moves_nothing() {
         assert!(matches!(refused, Err(KernelError::Shape { buffer, .. }) if buffer == named), "{named}: {refused:?}");
     }
     assert_eq!(state.steps, 0, "a refused step does not count");
+}
+
+#[test]
+fn steps_end_within_the_bound_and_follow_the_twin_there() {
+    let Some(gpu) = device() else { return };
+    let mut random = Random(29);
+    // One element beside the texels.
+    let n = 4099;
+    let mut want = vec![0.0f32; n];
+    let mut param = gpu.buffer::<f32>("param", n).expect("buffer");
+    let (mut m, mut v) = (vec![0.0f32; n], vec![0.0f32; n]);
+    let mut state = AdamState::new(&gpu, "param", n).expect("state");
+    let config = AdamConfig { lr: 0.1, bound: 0.25, ..AdamConfig::default() };
+    for t in 1..=6 {
+        let grad = random.vec_f32(n, -1.0, 1.0);
+        let v_param = gpu.buffer_from("v_param", &grad).expect("buffer");
+        run(&gpu, |rec| step(rec, &mut param, &v_param, &mut state, &config));
+        twin::step(&twin_config(&config, t), &mut want, &grad, &mut m, &mut v);
+    }
+    let got = param.read().expect("read");
+    // As without a bound.
+    assert_close(&got, &want, 3e-5, 0.0);
+    let at = |side: f32| got.iter().filter(|p| **p == side * config.bound).count();
+    assert!(got.iter().all(|p| p.abs() <= config.bound), "none beyond");
+    assert!(
+        at(1.0) > 10 && at(-1.0) > 10 && at(1.0) + at(-1.0) < n / 2,
+        "some on either side: {} {}",
+        at(1.0),
+        at(-1.0)
+    );
+    let mut poisoned = gpu.buffer_from("param", &[f32::NAN, 1.0, 0.0, 0.0]).expect("buffer");
+    let still = gpu.buffer::<f32>("v_param", 4).expect("buffer");
+    let mut state = AdamState::new(&gpu, "param", 4).expect("state");
+    run(&gpu, |rec| step(rec, &mut poisoned, &still, &mut state, &config));
+    let got = poisoned.read().expect("read");
+    assert!(got[0].is_nan() && got[1..] == [0.25, 0.0, 0.0], "a bound hides no NaN: {got:?}");
 }
 
 #[test]

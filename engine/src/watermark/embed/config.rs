@@ -22,6 +22,8 @@ use crate::watermark::tmsd::TmsdConfig;
 const DEFAULT_TARGET_PSNR: f32 = 43.0;
 /// Rate of the DC offsets at that fidelity. Half of it leaves 4 dB unused, and reads fewer bits (demo, robot, fox).
 const DEFAULT_LR_DC: f32 = 0.011;
+/// Largest offset at that fidelity, in colour: 2.3 8-bit steps.
+const DEFAULT_MAX_OFFSET: f32 = 0.009;
 /// Gain of R along an unused colour direction at that fidelity: more saturates CLIP, so that marks made 3.5 times as strong read
 /// inverted, and makes rounding loud; less leaves content in. With 3 instead, and marks 3 times as faint, 9 points fewer of single
 /// frames' bits were read (demo, robot, fox), with 0.5 three points fewer.
@@ -261,6 +263,10 @@ pub struct EmbedConfig {
     pub lr_dc: f32,
     /// Adam's rate for the other offsets, as a share of `lr_dc` (GuardSplat: 1/20).
     pub lr_rest_share: f32,
+    /// Most that an offset may be, in colour: what the offset of a DC coefficient adds to a channel of its splat. `None` bounds
+    /// them by the fidelity alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_offset: Option<f32>,
     /// Share of the light in the training views that the splats with offsets carry together: the fewest that do. The
     /// others stay as they are. 1 is all splats.
     #[serde(skip_serializing_if = "is_whole")]
@@ -352,6 +358,7 @@ impl EmbedConfig {
             bases: OffsetBases::All,
             lr_dc: 0.0,
             lr_rest_share: 0.05,
+            max_offset: None,
             reach: 1.0,
             lr_tmsd: 1e-3,
             tmsd_held: if mode == ExtractorMode::Joint { DEFAULT_TMSD_HELD } else { 0.0 },
@@ -391,6 +398,7 @@ impl EmbedConfig {
             bases: OffsetBases::All,
             lr_dc: 5e-3,
             lr_rest_share: 0.05,
+            max_offset: None,
             tmsd_held: 0.0,
             lr_floor: 1.0,
             margin: 0.0,
@@ -430,6 +438,7 @@ impl EmbedConfig {
             null_gain: DEFAULT_NULL_GAIN / f64::from(amplitude),
             null_level: DEFAULT_NULL_LEVEL * f64::from(amplitude),
             response_level: DEFAULT_RESPONSE_LEVEL * f64::from(amplitude),
+            max_offset: Some(DEFAULT_MAX_OFFSET * amplitude),
             ..self
         }
     }
@@ -628,6 +637,7 @@ impl EmbedConfig {
             weight("lambda_control", self.lambda_control),
             weight("lr_dc", self.lr_dc),
             weight("lr_rest_share", self.lr_rest_share),
+            weight("max_offset", self.max_offset.unwrap_or(0.0)),
             weight("lr_floor", self.lr_floor),
             weight("margin", self.margin),
             ("reach", f64::from(self.reach), self.reach > 0.0 && self.reach <= 1.0),

@@ -20,6 +20,7 @@ use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
 use super::clips::TrainingClip;
 use super::config::{ControlTurn, EmbedConfig};
 use super::copies::Copies;
+use super::fit::Y0;
 use super::perception::Perception;
 use super::pool::{ClipPool, is_over_budget};
 use super::repeated::Repeated;
@@ -192,7 +193,9 @@ fn offset_adam(config: &EmbedConfig, rates: Rates) -> AdamConfig {
         OffsetBases::Dc => None,
         OffsetBases::All => Some(Tail { row: config.bases.floats(), head: CHANNELS, lr: lr * config.lr_rest_share }),
     };
-    AdamConfig { lr, keep: rates.keep, tail, ..AdamConfig::default() }
+    #[allow(clippy::cast_possible_truncation, reason = "offsets are single precision")]
+    let bound = config.max_offset.map_or(f32::INFINITY, |colour| colour / Y0 as f32);
+    AdamConfig { lr, keep: rates.keep, bound, tail, ..AdamConfig::default() }
 }
 
 /// The extractor in training, with its losses.

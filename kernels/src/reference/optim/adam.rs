@@ -19,6 +19,8 @@ pub struct Adam<'a, R> {
     pub bias2: R,
     /// 1 − decay
     pub keep: R,
+    /// Largest magnitude that a parameter has after the step.
+    pub bound: R,
     /// Elements of a row, how many of them move at `lr`, and the rate of the others.
     pub tail: Option<(usize, usize, R)>,
     /// Elements of a row, and a factor on the rates for each row.
@@ -37,6 +39,13 @@ pub fn step<R: Real>(c: &Adam<'_, R>, param: &mut [R], v_param: &[R], exp_avg: &
             _ => c.lr,
         };
         let factor = c.rates.map_or(one, |(row, factors)| factors[i / row]);
-        param[i] = c.keep * param[i] - factor * lr * update;
+        let moved = c.keep * param[i] - factor * lr * update;
+        param[i] = if moved > c.bound {
+            c.bound
+        } else if moved < -c.bound {
+            -c.bound
+        } else {
+            moved
+        };
     }
 }
