@@ -5,7 +5,7 @@
 
 use palette::color_difference::Ciede2000;
 use palette::{IntoColor, Lab, Srgb};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::error::EngineError;
 use crate::media::Frame;
@@ -22,8 +22,7 @@ pub fn difference(a: [f32; CHANNELS], b: [f32; CHANNELS]) -> f32 {
 }
 
 /// CIEDE2000 between marked and unmarked 8-bit frames over the pixels of the object, those of all frames together.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ColourDifference {
     /// Mean.
     pub mean: f64,

@@ -39,8 +39,8 @@ pub struct HeldOut {
     /// Squared errors per frame, whole and foreground; marked 8-bit against clean float.
     errors: Vec<(SquaredError, SquaredError)>,
     ssim: Vec<f64>,
-    /// CIEDE2000 of the object's pixels, 8-bit against 8-bit.
-    colour_differences: Vec<f32>,
+    /// CIEDE2000 of the object, 8-bit against 8-bit; `None` where no frame shows it.
+    colour_difference: Option<ColourDifference>,
 }
 
 /// Bit accuracies over clips (mean logits of each clip) and fidelity.
@@ -103,13 +103,9 @@ impl HeldOut {
         let gaussians = Gaussians { sh_coeffs: marked_sh.to_vec(), ..model.gaussians.clone() };
         let marked_frames = film(device, model, &gaussians, &clips)?;
         let empty = || vec![Vec::new(); clips.len()];
-        let mut out = Self {
-            marked: empty(),
-            clean: empty(),
-            errors: Vec::new(),
-            ssim: Vec::new(),
-            colour_differences: Vec::new(),
-        };
+        let mut out =
+            Self { marked: empty(), clean: empty(), errors: Vec::new(), ssim: Vec::new(), colour_difference: None };
+        let mut colour_differences = Vec::new();
         for ((number, width, height, clean), (.., marked)) in clean_frames.into_iter().zip(marked_frames) {
             let frame = Frame::from_rgba32f(width, height, &marked)?;
             let clamped: Vec<f32> = clean.iter().map(|v| v.clamp(0.0, 1.0)).collect();
@@ -120,10 +116,11 @@ impl HeldOut {
             out.errors.push((whole, SquaredError::within(&picture, &reference, &mask)?));
             out.ssim.push(ssim(&picture, &reference)?);
             let clean = Frame::from_rgba32f(width, height, &clean)?;
-            out.colour_differences.extend(pixels_within(&frame, &clean, &mask)?);
+            colour_differences.extend(pixels_within(&frame, &clean, &mask)?);
             out.clean[number].push(clean);
             out.marked[number].push(frame);
         }
+        out.colour_difference = ColourDifference::of(colour_differences);
         Ok(out)
     }
 
@@ -217,7 +214,7 @@ impl HeldOut {
             noisy_leak: leak(&noisy, message)?,
             noisy_bits: PerBit::of(&noisy, message)?,
             psnr: self.psnr()?,
-            colour_difference: ColourDifference::of(self.colour_differences.clone()).ok_or_else(no_frame)?,
+            colour_difference: self.colour_difference.ok_or_else(no_frame)?,
             foreground_psnr: summary(self.errors.iter().map(|(_, object)| *object))?,
             ssim: self.ssim.iter().sum::<f64>() / self.ssim.len().max(1) as f64,
             lpips: None,
