@@ -1,6 +1,7 @@
 mod calibration;
 mod colour_difference;
 mod control_losses;
+mod copies;
 mod cross_examination;
 mod decoder;
 mod embedding;

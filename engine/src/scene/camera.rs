@@ -181,6 +181,15 @@ impl CameraSet {
         (0..clips).map(|k| moments.iter().filter_map(|(t, cameras)| Some((*cameras.get(k)?, *t))).collect()).collect()
     }
 
+    /// The same views at another image size, see [`Camera::resized`].
+    #[must_use]
+    pub fn resized(mut self, size: ImageSize) -> Self {
+        for view in &mut self.views {
+            view.camera = view.camera.resized(size);
+        }
+        self
+    }
+
     /// The same views, all at `times`.
     #[must_use]
     pub fn at_times(mut self, times: &[f32]) -> Self {

@@ -8,7 +8,7 @@ use std::time::Instant;
 use cpu_time::ProcessTime;
 use guard4d_kernels::{Device, KernelError};
 
-use super::plan::{Arm, Cell, Machine, Take};
+use super::plan::{Arm, COPY_PX, Cell, Machine, Take};
 use super::row::{Effort, Row, in_words};
 use super::scene::{self, ORBIT_ELEVATION_DEG, Scene, SceneSource, Variant};
 use super::{Step, Watcher};
@@ -217,14 +217,15 @@ impl Marked<'_> {
             HeldOut::shoot(device, model, &sh_coeffs, cameras)
         };
         let all_times = scene::times(0.0, 1.0);
+        let copied = || Ok::<_, EngineError>(cameras.clone().resized(ImageSize::new(COPY_PX, COPY_PX)?));
         match *take {
             Take::Plain => shoot(1.0, cameras),
             Take::Distorted(distortion) => {
-                let mut attack = Attack::new(device, size_px, &[distortion], self.arm.config.seed)?;
-                shoot(1.0, cameras)?
+                let mut attack = Attack::new(device, (COPY_PX, COPY_PX), &[distortion], self.arm.config.seed)?;
+                shoot(1.0, &copied()?)?
                     .changed(|clip| (0..).zip(clip).map(|(number, frame)| attack.apply(frame, number)).collect())
             }
-            Take::H264(crf) => shoot(1.0, cameras)?.changed(|clip| through_h264(clip, crf)),
+            Take::H264(crf) => shoot(1.0, &copied()?)?.changed(|clip| through_h264(clip, crf)),
             Take::Strength(factor) => shoot(factor, cameras),
             Take::Frames(count) => shoot(1.0, cameras)?.changed(|clip| Ok(spread(clip, count))),
             Take::Elevation(degrees) => shoot(1.0, &scene::orbit(size, degrees, *vantage)?.at_times(&all_times)),

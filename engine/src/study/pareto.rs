@@ -58,6 +58,7 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
         with(format!("a margin of {MARGIN} instead of cross-entropy"), &|config| config.margin = MARGIN),
         with(format!("splats with {REACH} of the light"), &|config| config.reach = REACH),
         with("offsets without a bound".to_owned(), &|config| config.max_offset = None),
+        with("calibration without copies".to_owned(), &|config| config.calibration_copies = Vec::new()),
         with("half of the clips".to_owned(), &|config| config.views = (config.views / 2).max(1)),
     ];
     let steps: &[(usize, usize)] = if scale.quick { &STEPS[..2] } else { &STEPS };

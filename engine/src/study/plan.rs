@@ -14,14 +14,18 @@ use super::scene::{SceneSource, Variant};
 /// Hexadecimal digits that name an embedding.
 const ID_DIGITS: usize = 16;
 
+/// Side in pixels of films that are distorted, whatever training's is. Codecs work on blocks of 8 and 16 px: a film of 100 px, which CLIP reads nearly as it
+/// is, loses marks to them that one of the usual size keeps.
+pub(super) const COPY_PX: u32 = 400;
+
 /// How a film is made that the message is read from. The first is what training aims at; the others are farther off.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Take {
     /// The scene's unseen cameras.
     Plain,
-    /// The same film, distorted.
+    /// The same at [`COPY_PX`], distorted.
     Distorted(Distortion),
-    /// The same film through H.264 at this constant rate factor.
+    /// The same at [`COPY_PX`] through H.264 at this constant rate factor.
     H264(u8),
     /// The mark made so many times as strong.
     Strength(f32),
@@ -41,8 +45,8 @@ impl fmt::Display for Take {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Plain => f.write_str("plain"),
-            Self::Distorted(distortion) => write!(f, "{distortion}"),
-            Self::H264(crf) => write!(f, "h264 crf {crf}"),
+            Self::Distorted(distortion) => write!(f, "{distortion}, {COPY_PX} px"),
+            Self::H264(crf) => write!(f, "h264 crf {crf}, {COPY_PX} px"),
             Self::Strength(factor) => write!(f, "strength {factor}"),
             Self::Frames(count) => write!(f, "{count} frames"),
             Self::Elevation(degrees) => write!(f, "elevation {degrees}"),

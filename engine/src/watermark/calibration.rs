@@ -41,6 +41,8 @@ pub struct Calibration {
 pub struct CalibrationData<'a> {
     /// Features of unmarked frames `[n, D]`.
     pub content: &'a [f32],
+    /// Features of unmarked frames in copies that differ from them by what copies go through `[m, D]`; may be empty.
+    pub copies: &'a [f32],
     /// Feature change that each random offset field causes in each of its frames `[k, F, D]`.
     pub responses: &'a [f32],
     /// `F`, of as many views as can be
@@ -55,8 +57,8 @@ impl Calibration {
     /// Fits the directions; the mean logits are left at zero, for they need the decoder.
     ///
     /// # Equation
-    /// The L leading solutions v of Σ_response v = λ (Σ_content + w Σ_apart + ridge) v (Fisher 1936, discriminants), where
-    /// Σ_response is of the fields' mean responses and Σ_apart of what single frames respond beside them; scaled to equal response, mixed by a keyed rotation so that all bits are equally hard, and scaled as a whole so
+    /// The L leading solutions v of Σ_response v = λ (Σ_content + w Σ_apart + ridge + Σ_copies) v (Fisher 1936, discriminants), where
+    /// Σ_response is of the fields' mean responses, Σ_apart of what single frames respond beside them and Σ_copies of how far copies lie from the mean of the content; scaled to equal response, mixed by a keyed rotation so that all bits are equally hard, and scaled as a whole so
     /// that content stays at a fixed level.
     ///
     /// # Errors
@@ -65,7 +67,7 @@ impl Calibration {
         let CalibrationData { width, bits, frames, .. } = *data;
         let not_finite = |what: &str| EngineError::NotFinite { what: what.to_owned(), got: f64::NAN };
         // The eigenvalue iteration would never end on them.
-        if data.content.iter().chain(data.responses).any(|v| !v.is_finite()) {
+        if data.content.iter().chain(data.responses).chain(data.copies).any(|v| !v.is_finite()) {
             return Err(not_finite("image features for the calibration"));
         }
         if data.content.is_empty() {
@@ -83,6 +85,10 @@ impl Calibration {
         for i in 0..width {
             noise[(i, i)] += ridge;
         }
+        // After the ridge: copies can lie far from the mean, but in few directions, and say nothing of the others.
+        let copies = rows(data.copies, width);
+        let shifts = DMatrix::from_fn(copies.nrows(), width, |i, j| copies[(i, j)] - mean[j]);
+        noise += shifts.tr_mul(&shifts) / copies.nrows().max(1) as f64;
         let cholesky = noise.cholesky().ok_or_else(|| not_finite("image features of the unmarked clips"))?;
         // With the content whitened (w = L⁻¹ r), the problem is the responses' own Gram matrix.
         let whitened =

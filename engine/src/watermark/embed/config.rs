@@ -1,17 +1,13 @@
 //! What an embedding is asked to do.
 
-use std::str::FromStr;
-use std::sync::Arc;
-
 use guard4d_kernels::image::resize::ImageSize;
-use guard4d_kernels::loss::bce::Objective;
 use rand_chacha::ChaCha20Rng;
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 
 use super::ladder::{Aim, Ladder, Rung, name_of_bases};
+use super::terms::{Control, ControlClips, LpipsTerm};
 use crate::distortion::{Distortion, Drawn};
 use crate::error::EngineError;
-use crate::lpips::{LpipsInput, LpipsWeights};
 use crate::render::OffsetBases;
 use crate::scene::Vantage;
 use crate::watermark::evidence::{ExtractorMode, Thresholds};
@@ -22,8 +18,11 @@ use crate::watermark::tmsd::TmsdConfig;
 const DEFAULT_TARGET_PSNR: f32 = 43.0;
 /// Rate of the DC offsets at that fidelity. Half of it leaves 4 dB unused, and reads fewer bits (demo, robot, fox).
 const DEFAULT_LR_DC: f32 = 0.011;
-/// Largest offset at that fidelity, in colour: 2.3 8-bit steps.
-const DEFAULT_MAX_OFFSET: f32 = 0.009;
+/// Largest offset of `blind` at that fidelity, in colour: 1.15 8-bit steps. Twice as much is 1.4 dB louder and reads no better (robot,
+/// 600 steps).
+const DEFAULT_MAX_OFFSET: f32 = 0.0045;
+/// The same of other extractors, which were not measured with less.
+const DEFAULT_MAX_OFFSET_ELSE: f32 = 0.009;
 /// Gain of R along an unused colour direction at that fidelity: more saturates CLIP, so that marks made 3.5 times as strong read
 /// inverted, and makes rounding loud; less leaves content in. With 3 instead, and marks 3 times as faint, 9 points fewer of single
 /// frames' bits were read (demo, robot, fox), with 0.5 three points fewer.
@@ -38,6 +37,10 @@ const DEFAULT_RESPONSE_LEVEL: f64 = 0.035;
 const DEFAULT_TMSD_HELD: f32 = 0.5;
 /// Steps between two measurements on held-out clips: often enough to watch, seldom enough to cost little.
 const DEFAULT_HELD_OUT_EVERY: usize = 25;
+/// Copies whose content the calibration of `blind` silences. Where a brighter picture is clamped its colours turn where the asset has none, which R
+/// amplifies: an unmarked copy 1.3 times as bright said ten times as much as a mark. Compression, turns and crops move what content says by less than a mark,
+/// and cost more as content than they gain (docs/method.md).
+const DEFAULT_CALIBRATION_COPIES: [&str; 1] = ["brightness:0.7..1.3"];
 /// Clips that are measured and never trained on; two keep a measurement every 25 steps below 5 % of the time.
 const HELD_OUT_CLIPS: u32 = 2;
 /// As many where they decide what is trained: the share of bits right is then known to one part in a hundred.
@@ -87,131 +90,6 @@ impl Profile {
     /// Whether it takes the paper's objective.
     pub(crate) fn is_the_papers(self) -> bool {
         matches!(self, Self::Faithful | Self::Guardsplat | Self::MultiFrame)
-    }
-}
-
-/// The control loss of `joint` (Guard4D Eq. 10 and its bounded relatives).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Control {
-    /// 1 / (BCE + ε), the paper's.
-    InverseBce {
-        /// ε
-        eps: f32,
-    },
-    /// The same, but it stops at chance.
-    Hinge {
-        /// ε
-        eps: f32,
-    },
-    /// Mean squared logit.
-    Chance,
-}
-
-/// `inverse-bce:EPS`, `hinge:EPS` or `chance`.
-impl FromStr for Control {
-    type Err = EngineError;
-
-    fn from_str(text: &str) -> Result<Self, EngineError> {
-        let bad = || EngineError::Usage {
-            what: "control loss".to_owned(),
-            got: text.to_owned(),
-            expected: "inverse-bce:EPS, hinge:EPS with a positive EPS, or chance".to_owned(),
-        };
-        let (name, eps) = text.split_once(':').unwrap_or((text, ""));
-        let positive = || eps.parse::<f32>().ok().filter(|eps| eps.is_finite() && *eps > 0.0).ok_or_else(bad);
-        match (name, eps) {
-            ("inverse-bce", _) => Ok(Self::InverseBce { eps: positive()? }),
-            ("hinge", _) => Ok(Self::Hinge { eps: positive()? }),
-            ("chance", "") => Ok(Self::Chance),
-            _ => Err(bad()),
-        }
-    }
-}
-
-impl Control {
-    pub(super) fn objective(self) -> Objective {
-        match self {
-            Self::InverseBce { eps } => Objective::InverseBce { eps },
-            Self::Hinge { eps } => Objective::Hinge { eps },
-            Self::Chance => Objective::Chance,
-        }
-    }
-}
-
-/// Which unmarked clips hold `joint` back (the paper's Table 4).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ControlClips {
-    /// Clean and noisy ones by turns.
-    #[default]
-    Both,
-    /// Clean ones alone.
-    Clean,
-    /// Noisy ones alone.
-    Noisy,
-}
-
-impl ControlClips {
-    #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
-    fn is_both(&self) -> bool {
-        *self == Self::Both
-    }
-}
-
-/// LPIPS as part of the fidelity loss, or with a weight of 0 as a figure of the result alone.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct LpipsTerm {
-    /// The network; files name it and its hash.
-    #[serde(serialize_with = "name_of_weights")]
-    pub weights: Arc<LpipsWeights>,
-    /// Range in which it is given colours.
-    pub input: LpipsInput,
-    /// Weight in the loss (GuardSplat: 1, `AlexNet`, [0, 1]-fed), not a share of [`EmbedConfig::lambda_recon`].
-    pub lambda: f32,
-    /// Side of a square part of the frames, another in every step, that is compared instead of whole frames.
-    pub crop_px: Option<u32>,
-    /// Steps from one comparison to the next, at least 1; its gradient counts this many times.
-    pub every: u32,
-}
-
-impl LpipsTerm {
-    /// As the paper's objective has it, after `GuardSplat`.
-    #[must_use]
-    pub fn of_the_paper(weights: Arc<LpipsWeights>) -> Self {
-        Self { weights, input: LpipsInput::UnitFed, lambda: 1.0, crop_px: None, every: 1 }
-    }
-
-    /// Size of what is compared in a step.
-    pub(super) fn part_of(&self, frame: ImageSize) -> ImageSize {
-        let side = self.crop_px.map_or(usize::MAX, |px| px as usize);
-        ImageSize { height: frame.height.min(side), width: frame.width.min(side) }
-    }
-
-    fn validate(&self, frame: ImageSize) -> Result<(), EngineError> {
-        let least = self.weights.net().min_side_px();
-        let part = self.part_of(frame);
-        let checks = [
-            (
-                "lambda_lpips",
-                f64::from(self.lambda),
-                self.lambda.is_finite() && self.lambda >= 0.0,
-                "0 or more".to_owned(),
-            ),
-            ("lpips_every", f64::from(self.every), self.every > 0, "at least 1".to_owned()),
-            (
-                "side of what LPIPS compares",
-                part.height.min(part.width) as f64,
-                part.height.min(part.width) >= least,
-                format!("at least {least} px for {}", self.weights.net()),
-            ),
-        ];
-        for (what, got, fine, expected) in checks {
-            if !fine {
-                return Err(EngineError::Usage { what: what.to_owned(), got: got.to_string(), expected });
-            }
-        }
-        Ok(())
     }
 }
 
@@ -323,6 +201,9 @@ pub struct EmbedConfig {
     pub responses: usize,
     /// Standard deviation of these fields, in colour.
     pub response_level: f64,
+    /// Copies of unmarked clips that the calibration counts as content too, at both ends of each range.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub calibration_copies: Vec<Distortion>,
     /// Steps between two measurements on held-out clips; 0 for none. It changes no result, so that it is no part of
     /// what names one. A ladder has looks of its own instead.
     #[serde(skip)]
@@ -369,6 +250,10 @@ impl EmbedConfig {
             lambda_ssim: 0.2,
             lpips: None,
             distortions: Vec::new(),
+            calibration_copies: match mode {
+                ExtractorMode::Blind if !profile.is_the_papers() => default_calibration_copies(),
+                _ => Vec::new(),
+            },
             lambda_offset: 0.0,
             control: Control::InverseBce { eps: 0.5 },
             controls: ControlClips::Both,
@@ -431,6 +316,10 @@ impl EmbedConfig {
 
     fn sized_for(self, target_psnr: f32) -> Self {
         let amplitude = 10f32.powf((DEFAULT_TARGET_PSNR - target_psnr) / 20.0);
+        let max_offset = match self.mode {
+            ExtractorMode::Blind => DEFAULT_MAX_OFFSET,
+            _ => DEFAULT_MAX_OFFSET_ELSE,
+        };
         Self {
             target_psnr,
             start_psnr: target_psnr - START_SLACK_DB,
@@ -438,7 +327,7 @@ impl EmbedConfig {
             null_gain: DEFAULT_NULL_GAIN / f64::from(amplitude),
             null_level: DEFAULT_NULL_LEVEL * f64::from(amplitude),
             response_level: DEFAULT_RESPONSE_LEVEL * f64::from(amplitude),
-            max_offset: Some(DEFAULT_MAX_OFFSET * amplitude),
+            max_offset: Some(max_offset * amplitude),
             ..self
         }
     }
@@ -678,6 +567,10 @@ fn weight(name: &'static str, value: f32) -> (&'static str, f64, bool) {
     (name, f64::from(value), value.is_finite() && value >= 0.0)
 }
 
+fn default_calibration_copies() -> Vec<Distortion> {
+    DEFAULT_CALIBRATION_COPIES.iter().map(|text| text.parse().expect("a distortion")).collect()
+}
+
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
 fn is_one(number: &u32) -> bool {
     *number == 1
@@ -691,8 +584,4 @@ fn is_zero(share: &f32) -> bool {
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
 fn is_whole(share: &f32) -> bool {
     *share >= 1.0
-}
-
-fn name_of_weights<S: Serializer>(weights: &Arc<LpipsWeights>, serializer: S) -> Result<S::Ok, S::Error> {
-    weights.as_ref().serialize(serializer)
 }

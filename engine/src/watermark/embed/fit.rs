@@ -6,6 +6,7 @@
 use guard4d_kernels::Device;
 use guard4d_kernels::image::colour_map::ColourMap;
 use guard4d_kernels::image::noise::Noise;
+use guard4d_kernels::shape::ClipShape;
 use nalgebra::{Matrix3, SymmetricEigen};
 use rand_chacha::ChaCha20Rng;
 
@@ -13,6 +14,7 @@ use super::config::EmbedConfig;
 use super::pool::ClipPool;
 use super::step::Stage;
 use crate::clip::{Clip, Purpose};
+use crate::distortion::{Drawn, Layer};
 use crate::error::EngineError;
 use crate::render::OffsetBases;
 use crate::scene::gaussians::CHANNELS;
@@ -28,6 +30,8 @@ use crate::watermark::tmsd::TmsdWeights;
 pub(super) const Y0: f64 = 0.282_094_79;
 /// Clips whose logits set the zero.
 pub(super) const ZERO_CLIPS: usize = 32;
+/// Clips that are copied.
+const COPIED_CLIPS: usize = 8;
 /// Clips on which each random field is tried.
 pub(super) const CLIPS_PER_RESPONSE: usize = 2;
 /// Frames of these.
@@ -53,9 +57,11 @@ pub(super) fn extractor(
     };
     let mut features = pool.with_room(|| FeatureExtractor::new(device, clip, tmsd.as_ref(), 1, Purpose::Features))?;
     let content = content_features(device, &mut features, pool, stage)?;
+    let copies = copies_features(device, &mut features, config, pool, stage)?;
     let responses = responses(device, &mut features, (config, key), pool, (stage, &content))?;
     let data = CalibrationData {
         content: &content.concat(),
+        copies: &copies,
         responses: &responses,
         frames: FRAMES_PER_RESPONSE,
         width: key.text_mean.len(),
@@ -153,6 +159,35 @@ fn content_features(
         features.forward(&mut rec, &[&clip.resized])?;
         rec.submit()?;
         found[index] = features.features().read()?;
+    }
+    Ok(found)
+}
+
+/// Features of unmarked clips in copies `[m, D]`, at both ends of each range of strengths.
+fn copies_features(
+    device: &Device,
+    features: &mut FeatureExtractor,
+    config: &EmbedConfig,
+    pool: &mut ClipPool,
+    stage: &mut Stage,
+) -> Result<Vec<f32>, EngineError> {
+    let size = config.frame_size();
+    let shape = ClipShape { frames: CLIP_FRAMES, height: size.height, width: size.width };
+    let mut layer = pool.with_room(|| Ok(Layer::new(device, shape, &config.calibration_copies)?))?;
+    let mut found = Vec::new();
+    for (index, distortion) in config.calibration_copies.iter().enumerate() {
+        let ends: &[f64] = if distortion.is_fixed() { &[0.0] } else { &[0.0, 1.0] };
+        for &share in ends {
+            for number in pool.training().take(COPIED_CLIPS) {
+                let clip = pool.get(number, stage)?;
+                let mut rec = device.recorder()?;
+                let drawn = Drawn { index, share, seed: config.seed, stream: 0 };
+                stage.copy_control(&mut rec, &clip, (&mut layer, drawn))?;
+                features.forward(&mut rec, &[&stage.noisy_resized])?;
+                rec.submit()?;
+                found.extend(features.features().read()?);
+            }
+        }
     }
     Ok(found)
 }

@@ -13,6 +13,7 @@ mod perception;
 mod pool;
 mod repeated;
 mod step;
+mod terms;
 mod visibility;
 
 use std::collections::BTreeMap;
@@ -21,12 +22,13 @@ use std::time::{Duration, Instant};
 use guard4d_kernels::Device;
 use rand_chacha::ChaCha20Rng;
 
-pub use config::{Control, ControlClips, EmbedConfig, LpipsTerm, Profile};
+pub use config::{EmbedConfig, Profile};
 pub use cost::StepPart;
 pub use estimate::Estimate;
 pub use ladder::{Aim, Ladder, Left, Look, Rung, RungReport};
 pub use repeated::Repetition;
 pub use step::{HeldOutReport, StepReport};
+pub use terms::{Control, ControlClips, LpipsTerm};
 pub use visibility::within_reach;
 
 use crate::clip::{Clip, Purpose};

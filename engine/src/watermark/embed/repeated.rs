@@ -6,8 +6,9 @@ use std::time::Duration;
 
 use guard4d_kernels::{Device, KernelError, Recorder, Section};
 
-use super::config::{Control, EmbedConfig};
+use super::config::EmbedConfig;
 use super::step::{Critic, Rates};
+use super::terms::Control;
 use crate::watermark::extractor::Training;
 
 /// How those passes come to the device. The results are the same to the bit.

@@ -24,7 +24,7 @@ use super::fit::Y0;
 use super::perception::Perception;
 use super::pool::{ClipPool, is_over_budget};
 use super::repeated::Repeated;
-use crate::distortion::Drawn;
+use crate::distortion::{Drawn, Layer};
 use crate::error::EngineError;
 use crate::render::{OffsetBases, Offsets, Renderer};
 use crate::scene::Model;
@@ -118,12 +118,29 @@ impl Stage {
         resize::forward(rec, &self.resize, &self.marked, &mut self.resized, &mut self.resize_scratch)
     }
 
+    /// The unmarked frames distorted by a layer that is not the stage's own, at CLIP's size in `self.noisy_resized`.
+    pub(super) fn copy_control(
+        &mut self,
+        rec: &mut Recorder,
+        clip: &TrainingClip,
+        (layer, drawn): (&mut Layer, Drawn),
+    ) -> Result<(), KernelError> {
+        // Both are free between steps.
+        layer.forward(rec, drawn, &clip.reference, &mut self.v_raw)?;
+        self.shrink_control(rec)
+    }
+
+    /// What is in `self.v_raw`, rounded to 8 bits and brought to CLIP's size.
+    fn shrink_control(&mut self, rec: &mut Recorder) -> Result<(), KernelError> {
+        quantize::forward(rec, &self.v_raw, &mut self.marked)?;
+        resize::forward(rec, &self.resize, &self.marked, &mut self.noisy_resized, &mut self.resize_scratch)
+    }
+
     /// The noisy control at CLIP's size, rounded before it is resized, in `self.noisy_resized`.
     pub(super) fn noisy(&mut self, rec: &mut Recorder, clip: &TrainingClip, noise: &Noise) -> Result<(), KernelError> {
         // `v_raw` is free until the backward pass, `marked` once it is resized and compared.
         noise::forward(rec, noise, &clip.reference, &mut self.v_raw)?;
-        quantize::forward(rec, &self.v_raw, &mut self.marked)?;
-        resize::forward(rec, &self.resize, &self.marked, &mut self.noisy_resized, &mut self.resize_scratch)
+        self.shrink_control(rec)
     }
 }
 
