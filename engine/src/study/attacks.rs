@@ -2,7 +2,7 @@
 
 use super::chart::{Axis, Chart, Series};
 use super::methods::point;
-use super::plan::{Arm, Scale, Take};
+use super::plan::{Arm, COPY_PX, Scale, Take};
 use super::report::Report;
 use super::summary::{self, Column, Findings};
 use crate::distortion::{Distortion, Kind};
@@ -95,10 +95,12 @@ pub(super) fn report(findings: &Findings) -> Report {
     });
     Report {
         title: "What copies go through".to_owned(),
-        intro: "Each mark is embedded once and read from distorted films of 400 px a side; all clips of a film together give verdict and p-value. \
-                Strengths are the ones really applied: noise by its standard deviation, crop by the share of each side that is \
-                left, rotation in degrees, codec a low pass with chroma at half resolution; h264 is x264 through ffmpeg."
-            .to_owned(),
+        intro: format!(
+            "Each mark is embedded once and read from distorted films of {COPY_PX} px a side; all clips of a film together \
+             give verdict and p-value. Strengths are the ones really applied: noise by its standard deviation, crop by the \
+             share of each side that is left, rotation in degrees, codec a low pass with chroma at half resolution; h264 is \
+             x264 through ffmpeg."
+        ),
         charts: vec![Chart {
             title: "bits right after distortions".to_owned(),
             series: series.collect(),
