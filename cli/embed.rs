@@ -20,6 +20,7 @@ use guard4d_engine::watermark::embed::{
 use guard4d_engine::watermark::evaluate::Evaluation;
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::gate::{Gate, Shortfall};
+use guard4d_engine::watermark::general::GeneralExtractor;
 use guard4d_engine::watermark::id_code::IdBits;
 use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::message::{Message, Payload};
@@ -211,6 +212,7 @@ fn config(args: &EmbedArgs, (gate, bits): (&Gate, usize)) -> Result<EmbedConfig,
         None => profile.default_mode(),
         Some(ExtractorArg::None) => ExtractorMode::None,
         Some(ExtractorArg::Blind) => ExtractorMode::Blind,
+        Some(ExtractorArg::General) => ExtractorMode::General,
         Some(ExtractorArg::Joint) => ExtractorMode::Joint,
     };
     let mut config = EmbedConfig { seed: args.seed, size_px: args.views.size, ..EmbedConfig::new(profile, mode) };
@@ -231,6 +233,11 @@ fn config(args: &EmbedArgs, (gate, bits): (&Gate, usize)) -> Result<EmbedConfig,
     config.max_offset = args.max_offset.or(config.max_offset);
     config.reach = args.reach.unwrap_or(config.reach);
     config.lpips = lpips(&args.lpips)?;
+    config.general = match (&args.general, mode) {
+        (Some(path), _) => Some(Arc::new(GeneralExtractor::read(path)?)),
+        (None, ExtractorMode::General) => Some(Arc::new(GeneralExtractor::built_in()?)),
+        (None, _) => None,
+    };
     Ok(match args.fit {
         FitArg::Auto => config.climbing(gate.aim(), bits),
         FitArg::Full => config,
@@ -327,14 +334,14 @@ fn state(loss: f32, held_out: Option<HeldOutReport>) -> String {
 }
 
 /// Beside the output folder, so that an unfinished run leaves nothing in it.
-fn checkpoint_path(out: &Path) -> PathBuf {
+pub(crate) fn checkpoint_path(out: &Path) -> PathBuf {
     let mut name = out.file_name().unwrap_or_default().to_owned();
     name.push(".checkpoint.safetensors");
     out.with_file_name(name)
 }
 
 /// A finished run's checkpoint has no use; one that cannot be removed does no harm.
-fn remove_checkpoint(path: &Path) {
+pub(crate) fn remove_checkpoint(path: &Path) {
     if let Err(error) = std::fs::remove_file(path)
         && error.kind() != std::io::ErrorKind::NotFound
     {

@@ -10,6 +10,7 @@ mod film;
 mod inspect;
 mod keygen;
 mod media;
+mod pretrain;
 mod progress;
 mod render;
 mod report;
@@ -63,6 +64,7 @@ fn run(cli: &Cli) -> Result<Outcome, EngineError> {
         Command::Embed(args) => embed::run(args, &cli.common),
         Command::Inspect(args) => inspect::run(args, &cli.common),
         Command::Keygen(args) => keygen::run(args, &cli.common),
+        Command::PretrainExtractor(args) => pretrain::run(args, &cli.common),
         Command::Render(args) => render::run(args, &cli.common),
         Command::Study(args) => study::run(args, &cli.common),
         Command::Verify(args) => verify::run(args, &cli.common),

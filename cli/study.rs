@@ -6,6 +6,7 @@ use guard4d_engine::EngineError;
 use guard4d_engine::clip::ClipSource;
 use guard4d_engine::lpips::LpipsWeights;
 use guard4d_engine::study::{Scale, Step, Study, Substudy};
+use guard4d_engine::watermark::general::GeneralExtractor;
 use serde::Serialize;
 
 use crate::args::{Common, StudyArgs, StudyPart};
@@ -52,10 +53,21 @@ fn scale(args: &StudyArgs) -> Result<Scale, EngineError> {
         steps: args.effort.steps.map(|steps| steps as usize).or(scale.steps),
         clips: args.effort.train_clips.or(scale.clips),
         responses: args.effort.responses.map(|responses| responses as usize).or(scale.responses),
+        general: general(args)?,
         lpips: args.lpips.as_deref().map(LpipsWeights::read).transpose()?.map(Arc::new),
         quick: scale.quick,
         only: args.only.clone(),
     })
+}
+
+/// The one that is named, or the built-in one with the built-in CLIP.
+fn general(args: &StudyArgs) -> Result<Option<Arc<GeneralExtractor>>, EngineError> {
+    let general = match (&args.general, ClipSource::from_argument(&args.clip)) {
+        (Some(path), _) => GeneralExtractor::read(path)?,
+        (None, ClipSource::Mini) => GeneralExtractor::built_in()?,
+        (None, _) => return Ok(None),
+    };
+    Ok(Some(Arc::new(general)))
 }
 
 fn substudies(part: StudyPart) -> Vec<Substudy> {
@@ -69,6 +81,7 @@ fn substudies(part: StudyPart) -> Vec<Substudy> {
         StudyPart::Pareto => Substudy::Pareto,
         StudyPart::Stability => Substudy::Stability,
         StudyPart::Fit => Substudy::Fit,
+        StudyPart::General => Substudy::General,
         StudyPart::All => return Substudy::ALL.to_vec(),
     };
     vec![one]

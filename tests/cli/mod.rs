@@ -11,6 +11,7 @@ mod inputs;
 mod keygen;
 mod models;
 mod outputs;
+mod pretrain;
 mod usage;
 mod verify;
 

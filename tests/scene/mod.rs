@@ -10,6 +10,7 @@ pub(crate) mod fixture;
 mod model;
 mod output;
 mod ply;
+mod procedural;
 mod pth;
 
 /// Field, got and expected of a [`EngineError::BadData`]; its exit code is checked on the way.

@@ -2,8 +2,9 @@
 
 use guard4d_engine::EngineError;
 use guard4d_engine::tensor_file::TensorFile;
-use guard4d_engine::watermark::calibration::{CONTENT_LEVEL, Calibration, CalibrationData, bit_codes};
+use guard4d_engine::watermark::calibration::{CONTENT_LEVEL, Calibration, bit_codes};
 use guard4d_engine::watermark::prf::{MasterSecret, Prf, Purpose};
+use guard4d_engine::watermark::scatter::AssetFeatures;
 
 use super::decoder::{logits, random_weights, wide};
 use crate::support::close::assert_close;
@@ -30,7 +31,7 @@ fn fit(content: &[f32], responses: &[f32], bits: usize) -> Result<Calibration, E
 /// With so many frames of each field.
 fn fit_frames(content: &[f32], (responses, frames): (&[f32], usize), bits: usize) -> Result<Calibration, EngineError> {
     let mut rng = Prf::new(&MasterSecret::from_bytes([7; 32])).stream(Purpose::Calibration, 0);
-    Calibration::fit(&CalibrationData { content, copies: &[], responses, frames, width: WIDTH, bits }, &mut rng)
+    Calibration::fit(&AssetFeatures { content, copies: &[], responses, frames, width: WIDTH }, bits, &mut rng)
 }
 
 fn fitted(seed: u64) -> Calibration {
@@ -69,20 +70,13 @@ fn what_moves_copies_says_nothing() {
         (0..WIDTH).map(|j| content.iter().skip(j).step_by(WIDTH).sum::<f32>() / FRAMES as f32).collect();
     // A step along the axis that responses move most, as far as a thousand of them.
     let copy: Vec<f32> = mean.iter().enumerate().map(|(j, v)| v + if j + 1 == WIDTH { 200.0 } else { 0.0 }).collect();
-    let data = |copies| CalibrationData {
-        content: &content,
-        copies,
-        responses: &responses,
-        frames: 1,
-        width: WIDTH,
-        bits: BITS,
-    };
-    let tolerant = Calibration::fit(&data(&copy), &mut rng).expect("finite features");
+    let data = |copies| AssetFeatures { content: &content, copies, responses: &responses, frames: 1, width: WIDTH };
+    let tolerant = Calibration::fit(&data(&copy), BITS, &mut rng).expect("finite features");
     let said = |map: &Calibration| projected(map, &copy).iter().map(|z| z.abs()).fold(0.0, f64::max);
     // Its noise is 4e4 along that axis, and about 1e-2 along the others.
     let (before, after) = (said(&fitted(3)), said(&tolerant));
     assert!(before > 100.0 && after < 1.0, "what the copy says: {before} without, {after} with it");
-    let broken = Calibration::fit(&data(&[f32::NAN; WIDTH]), &mut rng);
+    let broken = Calibration::fit(&data(&[f32::NAN; WIDTH]), BITS, &mut rng);
     assert!(matches!(broken, Err(EngineError::NotFinite { .. })), "{broken:?}");
 }
 

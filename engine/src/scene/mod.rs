@@ -14,6 +14,7 @@ pub mod gaussians;
 mod literal;
 pub mod model;
 pub mod ply;
+pub mod procedural;
 pub mod pth;
 pub mod vantage;
 

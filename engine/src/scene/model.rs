@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::cfg_args::DeformConfig;
 use super::deformation::{DeformationWeights, derive_config};
 use super::gaussians::Gaussians;
-use super::ply::PlyFile;
+use super::ply::{PlyFile, encode};
 use super::pth::{PthContent, Tensor};
 use super::{bad_data, read_file};
 use crate::error::EngineError;
@@ -82,11 +82,22 @@ impl Model {
     }
 
     fn open_static(path: &Path) -> Result<Self, EngineError> {
-        let ply = PlyFile::open(path)?;
+        Self::of_ply(PlyFile::open(path)?, BLACK)
+    }
+
+    /// A static model that no file holds yet; `name` is what it is written as.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] for splats that no file may hold, as ones that are not finite.
+    pub fn of_splats(name: &Path, gaussians: &Gaussians, background: [f32; 3]) -> Result<Self, EngineError> {
+        Self::of_ply(PlyFile::parse(name, encode(gaussians))?, background)
+    }
+
+    fn of_ply(ply: PlyFile, background: [f32; 3]) -> Result<Self, EngineError> {
         Ok(Self {
             gaussians: ply.decode()?,
             deformation: None,
-            background: BLACK,
+            background,
             warnings: Vec::new(),
             ply,
             layout: Layout::Static,

@@ -49,7 +49,7 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
     let modes: &[ExtractorMode] = if scale.quick {
         &[ExtractorMode::Blind]
     } else {
-        &[ExtractorMode::None, ExtractorMode::Blind, ExtractorMode::Joint]
+        &[ExtractorMode::None, ExtractorMode::Blind, ExtractorMode::General, ExtractorMode::Joint]
     };
     let arm = |name: String, mode, distortions: Vec<Distortion>| {
         let config = EmbedConfig { distortions, ..scale.config(Profile::Balanced, mode) };
@@ -61,7 +61,7 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
     modes.iter().flat_map(both).collect()
 }
 
-fn trained() -> Vec<Distortion> {
+pub(super) fn trained() -> Vec<Distortion> {
     TRAINED.iter().map(|text| text.parse().expect("well written above")).collect()
 }
 

@@ -25,7 +25,7 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
         is_contested: true,
         ..Arm::new(format!("{mode}"), scale.config(Profile::Balanced, mode))
     };
-    let mut arms = [ExtractorMode::None, ExtractorMode::Blind, ExtractorMode::Joint].map(arm).to_vec();
+    let mut arms = ExtractorMode::ALL.map(arm).to_vec();
     if !scale.quick {
         let losses = EPSILONS.map(|eps| (format!("joint, inverse-bce {eps}"), Control::InverseBce { eps }));
         let bounded = [("joint, hinge 0.5", Control::Hinge { eps: 0.5 }), ("joint, chance", Control::Chance)];
@@ -69,18 +69,18 @@ const SWEEP: [Column; 5] = [summary::ARM, summary::TAKE, summary::MARKED, summar
 
 pub(super) fn report(findings: &Findings) -> Report {
     let groups = findings.groups();
-    let modes = ["none", "blind", "joint"];
-    let sweep = modes.map(|mode| {
+    let sweep = ExtractorMode::ALL.map(|mode| {
+        let mode = mode.to_string();
         let of = groups.iter().filter(|g| g.arm == mode);
         let mut points: Vec<_> = of.filter_map(|g| point(g, strength(g.take)?, |r| r.marked, String::new())).collect();
         points.sort_by(|a, b| a.x.total_cmp(&b.x));
-        Series { name: mode.to_owned(), points, joined: true }
+        Series { name: mode, points, joined: true }
     });
     let plain = findings.groups_where(|row| row.take == Take::Plain.to_string());
     Report {
         title: "Extractors, and where the message lives".to_owned(),
-        intro: "Three extractors with one fidelity: none (CLIP and decoder alone), blind (a front end that never saw a message) \
-                and joint (the paper's, trained with the message); then joint with the paper's control loss at several ε and \
+        intro: "Four extractors with one fidelity: none (CLIP and decoder alone), blind (a front end that never saw a message), \
+                general (one front end for all assets) and joint (the paper's, trained with the message); then joint with the paper's control loss at several ε and \
                 with bounded ones. An asset that carries its message gives it to R as it was before its training, and a second \
                 copy optimised through the frozen extractor gives the second message; an extractor that holds the message \
                 says the first one to all of them."

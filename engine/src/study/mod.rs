@@ -10,6 +10,7 @@ mod attacks;
 mod chart;
 mod extractors;
 mod fit;
+mod general;
 mod lab;
 mod ledger;
 mod methods;
@@ -66,11 +67,13 @@ pub enum Substudy {
     Stability,
     /// No more than a scene needs.
     Fit,
+    /// One extractor for all assets.
+    General,
 }
 
 impl Substudy {
     /// All, in the order in which `all` runs them.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Table1,
         Self::Table2,
         Self::Table3,
@@ -80,6 +83,7 @@ impl Substudy {
         Self::Pareto,
         Self::Stability,
         Self::Fit,
+        Self::General,
     ];
 
     /// Name of its files.
@@ -95,6 +99,7 @@ impl Substudy {
             Self::Pareto => "pareto",
             Self::Stability => "stability",
             Self::Fit => "fit",
+            Self::General => "general",
         }
     }
 
@@ -110,6 +115,7 @@ impl Substudy {
             Self::Pareto => pareto::arms(scale),
             Self::Stability => stability::arms(scale),
             Self::Fit => fit::arms(scale),
+            Self::General => general::arms(scale),
         }
     }
 
@@ -125,6 +131,7 @@ impl Substudy {
             Self::Pareto => pareto::report(findings),
             Self::Stability => stability::report(findings),
             Self::Fit => fit::report(findings),
+            Self::General => general::report(findings),
         }
     }
 }

@@ -49,6 +49,7 @@ pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
     let mut arms = vec![
         Arm { takes: std::iter::once(Take::Plain).chain(FRAMES.map(Take::Frames)).collect(), ..default.clone() },
         Arm::new("extractor none", scale.config(Profile::Balanced, ExtractorMode::None)),
+        Arm::new("extractor general", scale.config(Profile::Balanced, ExtractorMode::General)),
         Arm::new("extractor joint", joint.clone()),
         with("fit auto".to_owned(), &|config| *config = fit::auto(config.clone())),
         with("DC alone".to_owned(), &|config| config.bases = OffsetBases::Dc),

@@ -8,6 +8,7 @@ use crate::lpips::LpipsWeights;
 use crate::watermark::digest::Digest;
 use crate::watermark::embed::{EmbedConfig, LpipsTerm, Profile};
 use crate::watermark::evidence::ExtractorMode;
+use crate::watermark::general::GeneralExtractor;
 
 use super::scene::{SceneSource, Variant};
 
@@ -147,6 +148,8 @@ pub struct Scale {
     pub clips: Option<u32>,
     /// Random fields that calibrations are fitted to, instead of the profiles'.
     pub responses: Option<usize>,
+    /// What arms of `general` read through; without it there are none.
+    pub general: Option<std::sync::Arc<GeneralExtractor>>,
     /// LPIPS for the paper's objective and for all readings.
     pub lpips: Option<std::sync::Arc<LpipsWeights>>,
     /// Whether only the arms are taken that a first look needs.
@@ -167,6 +170,7 @@ impl Scale {
             steps: Some(60),
             clips: Some(16),
             responses: Some(32),
+            general: None,
             lpips: None,
             quick: true,
             only: Vec::new(),
@@ -183,6 +187,7 @@ impl Scale {
             steps: None,
             clips: None,
             responses: None,
+            general: None,
             lpips: None,
             quick: false,
             only: Vec::new(),
@@ -197,13 +202,14 @@ impl Scale {
         EmbedConfig {
             steps: self.steps.unwrap_or(config.steps),
             views: self.clips.unwrap_or(config.views),
-            responses: self.responses.unwrap_or(config.responses),
+            general: self.general.clone().filter(|_| mode == ExtractorMode::General),
             size_px: (self.size_px, self.size_px),
             lpips: lpips.map(LpipsTerm::of_the_paper),
             // Nobody watches.
             held_out_every: 0,
-            ..config
+            ..config.clone()
         }
+        .with_responses(self.responses.unwrap_or(config.responses))
     }
 
     /// What the program does unless told otherwise, at this scale.
@@ -213,7 +219,9 @@ impl Scale {
 
     /// Every arm on every scene with every seed; seeds outermost, so that a run that is broken off has all arms.
     pub(super) fn cells(&self, arms: &[Arm]) -> Vec<Cell> {
-        let is_wanted = |arm: &&Arm| self.only.is_empty() || self.only.iter().any(|words| arm.name.contains(words));
+        let is_possible = |arm: &Arm| arm.config.mode != ExtractorMode::General || self.general.is_some();
+        let is_asked = |arm: &Arm| self.only.is_empty() || self.only.iter().any(|words| arm.name.contains(words));
+        let is_wanted = |arm: &&Arm| is_possible(arm) && is_asked(arm);
         let of = |seed: u8, scene: &SceneSource, arm: &Arm| {
             let config = EmbedConfig { seed: u64::from(seed), ..arm.config.clone() };
             Cell { scene: scene.clone(), arm: Arm { config, ..arm.clone() } }

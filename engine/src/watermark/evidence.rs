@@ -32,6 +32,9 @@ pub enum ExtractorMode {
 }
 
 impl ExtractorMode {
+    /// All, those that give an exact p-value first.
+    pub const ALL: [Self; 4] = [Self::None, Self::Blind, Self::General, Self::Joint];
+
     /// Whether the extractor is independent of the message, so that p-values are exact.
     #[must_use]
     pub const fn is_message_blind(self) -> bool {

@@ -96,6 +96,8 @@ pub enum Purpose {
     OtherKeys,
     /// Message of the second copy in a message swap.
     SwapMessage,
+    /// Scenes that a general extractor is made from.
+    Scenes,
     /// MAC over the embedded message.
     MessageMac,
     /// Public key identifier.
@@ -119,6 +121,7 @@ impl Purpose {
             Self::ControlNoise => "control-noise",
             Self::OtherKeys => "other-keys",
             Self::SwapMessage => "swap-message",
+            Self::Scenes => "scenes",
             Self::MessageMac => "message-mac",
             Self::KeyId => "key-id",
         }

@@ -21,6 +21,9 @@ const RGB: usize = 3;
 const TEXEL: usize = 4;
 const TAPS: usize = 27;
 
+/// A colour map that changes nothing.
+pub const SAME_COLOURS: ColourMap = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
 /// Size of the network. The paper says only "shallow"; three layers of 3×3×3 are the usual reading.
 ///
 /// There is no switch for biases. What the network adds to a clip must come from the clip: with biases it could print
@@ -100,6 +103,12 @@ impl TmsdWeights {
             (0..inputs * outputs * TAPS).map(|_| ((2.0 * uniform_unit(rng) - 1.0) * bound) as f32).collect()
         };
         Self { config, colour_map, layers: config.channels().into_iter().enumerate().map(layer).collect() }
+    }
+
+    /// The same network behind another colour map.
+    #[must_use]
+    pub fn with_colour_map(&self, colour_map: ColourMap) -> Self {
+        Self { colour_map, ..self.clone() }
     }
 
     /// Whether the network does anything: one that was never trained has a last layer of zeros, and leaves R(x) = M x.
@@ -217,6 +226,11 @@ impl Tmsd {
             shape,
             layers: layers.collect::<Result<_, KernelError>>()?,
         })
+    }
+
+    /// Puts another colour map in front of the network.
+    pub fn set_colour_map(&mut self, colour_map: ColourMap) {
+        self.colour_map = colour_map;
     }
 
     /// Buffers for one clip.

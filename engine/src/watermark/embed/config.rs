@@ -1,8 +1,10 @@
 //! What an embedding is asked to do.
 
+use std::sync::Arc;
+
 use guard4d_kernels::image::resize::ImageSize;
 use rand_chacha::ChaCha20Rng;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use super::ladder::{Aim, Ladder, Rung, name_of_bases};
 use super::terms::{Control, ControlClips, LpipsTerm};
@@ -11,6 +13,7 @@ use crate::error::EngineError;
 use crate::render::OffsetBases;
 use crate::scene::Vantage;
 use crate::watermark::evidence::{ExtractorMode, Thresholds};
+use crate::watermark::general::GeneralExtractor;
 use crate::watermark::prf::{uniform_below, uniform_unit};
 use crate::watermark::tmsd::TmsdConfig;
 
@@ -193,11 +196,14 @@ pub struct EmbedConfig {
     pub noise_sigma: (f32, f32),
     /// Size of R in `blind` and `joint`.
     pub tmsd: TmsdConfig,
+    /// What `general` reads through, and it alone; files name its hash.
+    #[serde(skip_serializing_if = "Option::is_none", serialize_with = "hash_of_general")]
+    pub general: Option<Arc<GeneralExtractor>>,
     /// Gain of R along the colour direction that the unmarked asset uses least.
     pub null_gain: f64,
     /// Colour level below which a direction counts as unused.
     pub null_level: f64,
-    /// Random offset fields that the calibration is fitted to.
+    /// Random offset fields that the calibration is fitted to; `general` has none of its own.
     pub responses: usize,
     /// Standard deviation of these fields, in colour.
     pub response_level: f64,
@@ -264,14 +270,16 @@ impl EmbedConfig {
                 ExtractorMode::Joint => TmsdConfig::default(),
                 _ => TmsdConfig::colour_map_only(),
             },
+            general: None,
             null_gain: 0.0,
             null_level: 0.0,
-            responses,
+            responses: 0,
             response_level: 0.0,
             held_out_every: DEFAULT_HELD_OUT_EVERY,
             ladder: None,
         }
-        .sized_for(DEFAULT_TARGET_PSNR);
+        .sized_for(DEFAULT_TARGET_PSNR)
+        .with_responses(responses);
         if profile.is_the_papers() { config.with_the_papers_objective() } else { config }
     }
 
@@ -314,10 +322,19 @@ impl EmbedConfig {
         self.sized_for(target_psnr)
     }
 
+    /// The same with so many random fields, unless it takes none.
+    #[must_use]
+    pub fn with_responses(self, responses: usize) -> Self {
+        match self.mode {
+            ExtractorMode::General => self,
+            _ => Self { responses, ..self },
+        }
+    }
+
     fn sized_for(self, target_psnr: f32) -> Self {
         let amplitude = 10f32.powf((DEFAULT_TARGET_PSNR - target_psnr) / 20.0);
         let max_offset = match self.mode {
-            ExtractorMode::Blind => DEFAULT_MAX_OFFSET,
+            ExtractorMode::Blind | ExtractorMode::General => DEFAULT_MAX_OFFSET,
             _ => DEFAULT_MAX_OFFSET_ELSE,
         };
         Self {
@@ -355,7 +372,7 @@ impl EmbedConfig {
         let ladder =
             Some(Ladder { rungs, aim, every: CLIMBING_EVERY, patience: PATIENCE, held_out: CLIMBING_HELD_OUT });
         let responses = self.responses.div_ceil(2).max(bits);
-        Self { start_psnr: self.target_psnr, responses, tmsd_held: 0.0, ladder, ..self }
+        Self { start_psnr: self.target_psnr, tmsd_held: 0.0, ladder, ..self }.with_responses(responses)
     }
 
     /// The settings for a model of this degree: without coefficients above DC there is no room to take for them.
@@ -496,6 +513,7 @@ impl EmbedConfig {
                 expected: "at least 2 for `joint`, which trains it".to_owned(),
             });
         }
+        self.validate_general()?;
         if self.control_every == 0 || (self.control_every > 1 && self.mode != ExtractorMode::Joint) {
             return Err(EngineError::Usage {
                 what: "control_every".to_owned(),
@@ -545,20 +563,30 @@ impl EmbedConfig {
         Ok(())
     }
 
+    fn validate_general(&self) -> Result<(), EngineError> {
+        if self.general.is_some() != (self.mode == ExtractorMode::General) {
+            return Err(EngineError::Usage {
+                what: "general extractor".to_owned(),
+                got: format!("{} with mode `{}`", if self.general.is_some() { "one" } else { "none" }, self.mode),
+                expected: "one with mode `general`, and with no other".to_owned(),
+            });
+        }
+        Ok(())
+    }
+
     /// [`EmbedConfig::validate`], and that a message of `bits` bits can be calibrated.
     ///
     /// # Errors
     /// [`EngineError::Usage`] naming the field.
     pub fn validate_for(&self, bits: usize) -> Result<(), EngineError> {
         self.validate()?;
-        if self.responses < bits {
-            return Err(EngineError::Usage {
-                what: "responses".to_owned(),
-                got: self.responses.to_string(),
-                expected: format!("at least one per bit, {bits}"),
-            });
-        }
-        Ok(())
+        let expected = match self.mode {
+            ExtractorMode::General if self.responses > 0 => "none with mode `general`".to_owned(),
+            ExtractorMode::General => return Ok(()),
+            _ if self.responses < bits => format!("at least one per bit, {bits}"),
+            _ => return Ok(()),
+        };
+        Err(EngineError::Usage { what: "responses".to_owned(), got: self.responses.to_string(), expected })
     }
 }
 
@@ -569,6 +597,12 @@ fn weight(name: &'static str, value: f32) -> (&'static str, f64, bool) {
 
 fn default_calibration_copies() -> Vec<Distortion> {
     DEFAULT_CALIBRATION_COPIES.iter().map(|text| text.parse().expect("a distortion")).collect()
+}
+
+#[allow(clippy::ref_option, reason = "serde's signature")]
+fn hash_of_general<S: Serializer>(general: &Option<Arc<GeneralExtractor>>, serializer: S) -> Result<S::Ok, S::Error> {
+    let hash = general.as_ref().map(|general| general.digest()).transpose();
+    hash.map_err(serde::ser::Error::custom)?.serialize(serializer)
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]

@@ -57,8 +57,8 @@ impl Estimate {
         config.validate_for(subject.key.bits())?;
         let device = subject.device;
         let budget = device.memory_budget();
-        let few = EmbedConfig { responses: subject.key.bits(), tmsd_held: 0.0, ..config.clone() };
-        let mut pool = ClipPool::draw(&subject, &few)?;
+        let few = EmbedConfig { tmsd_held: 0.0, ..config.clone() }.with_responses(subject.key.bits());
+        let mut pool = ClipPool::draw(device, subject.model, &subject.key.prf(), &few)?;
         let clips = pool.len();
         pool.thin_out(SAMPLED_CLIPS);
         let sampled = pool.len();

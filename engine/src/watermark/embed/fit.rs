@@ -18,12 +18,13 @@ use crate::distortion::{Drawn, Layer};
 use crate::error::EngineError;
 use crate::render::OffsetBases;
 use crate::scene::gaussians::CHANNELS;
-use crate::watermark::calibration::{Calibration, CalibrationData};
+use crate::watermark::calibration::Calibration;
 use crate::watermark::decoder::Decoder;
 use crate::watermark::evidence::ExtractorMode;
 use crate::watermark::extractor::{CLIP_FRAMES, ExtractorWeights, FeatureExtractor};
 use crate::watermark::key::Key;
-use crate::watermark::prf::{Purpose as Stream, standard_normal, uniform_below};
+use crate::watermark::prf::{Prf, Purpose as Stream, standard_normal, uniform_below};
+use crate::watermark::scatter::AssetFeatures;
 use crate::watermark::tmsd::TmsdWeights;
 
 /// SH constant Y₀: colour per unit of DC offset.
@@ -37,7 +38,7 @@ pub(super) const CLIPS_PER_RESPONSE: usize = 2;
 /// Frames of these.
 const FRAMES_PER_RESPONSE: usize = CLIPS_PER_RESPONSE * CLIP_FRAMES;
 
-/// R (for `blind` and `joint`) and the calibration for one asset.
+/// R (for all but `none`) and the calibration for one asset.
 pub(super) fn extractor(
     device: &Device,
     clip: &Clip,
@@ -47,30 +48,61 @@ pub(super) fn extractor(
     stage: &mut Stage,
 ) -> Result<ExtractorWeights, EngineError> {
     let prf = key.prf();
-    let tmsd = match config.mode {
-        ExtractorMode::None => None,
-        _ => {
-            let map = colour_map(&second_moment(pool, stage)?, config.null_gain, config.null_level);
+    let general = config.general.as_deref();
+    let tmsd = match (config.mode, general) {
+        (ExtractorMode::None, _) => None,
+        (_, Some(general)) => Some(general.tmsd.with_colour_map(colour_map(config, pool, stage)?)),
+        (_, None) => {
+            let map = colour_map(config, pool, stage)?;
             let mut rng = prf.stream(Stream::TmsdInit, config.seed);
             Some(TmsdWeights::new(config.tmsd, map, &mut rng))
         }
     };
     let mut features = pool.with_room(|| FeatureExtractor::new(device, clip, tmsd.as_ref(), 1, Purpose::Features))?;
-    let content = content_features(device, &mut features, pool, stage)?;
-    let copies = copies_features(device, &mut features, config, pool, stage)?;
-    let responses = responses(device, &mut features, (config, key), pool, (stage, &content))?;
-    let data = CalibrationData {
-        content: &content.concat(),
-        copies: &copies,
-        responses: &responses,
-        frames: FRAMES_PER_RESPONSE,
-        width: key.text_mean.len(),
-        bits: key.bits(),
+    let (bits, mut rng) = (key.bits(), prf.stream(Stream::Calibration, config.seed));
+    let calibration = match general {
+        Some(general) => {
+            let content = content_features(device, &mut features, pool, stage)?.concat();
+            Calibration::general(general, &content, bits, &mut rng)?
+        }
+        None => {
+            let seen = Seen::of(device, &mut features, (config, &prf), pool, stage)?;
+            Calibration::fit(&seen.features(), bits, &mut rng)?
+        }
     };
-    let calibration = Calibration::fit(&data, &mut prf.stream(Stream::Calibration, config.seed))?;
     let mut weights = ExtractorWeights { mode: config.mode, tmsd, calibration };
     set_zero(device, key, &mut features, &mut weights, (config, pool, stage))?;
     Ok(weights)
+}
+
+/// What R and CLIP make of an asset that carries no message.
+pub(super) struct Seen {
+    content: Vec<f32>,
+    copies: Vec<f32>,
+    responses: Vec<f32>,
+    width: usize,
+}
+
+impl Seen {
+    /// Reads unmarked clips, copies of them, and random offsets. The offsets of the stage are zero before and after.
+    pub(super) fn of(
+        device: &Device,
+        features: &mut FeatureExtractor,
+        (config, prf): (&EmbedConfig, &Prf),
+        pool: &mut ClipPool,
+        stage: &mut Stage,
+    ) -> Result<Self, EngineError> {
+        let content = content_features(device, features, pool, stage)?;
+        let copies = copies_features(device, features, config, pool, stage)?;
+        let responses = responses(device, features, (config, prf), pool, (stage, &content))?;
+        let width = features.features().len() / CLIP_FRAMES;
+        Ok(Self { content: content.concat(), copies, responses, width })
+    }
+
+    pub(super) fn features(&self) -> AssetFeatures<'_> {
+        let Self { content, copies, responses, width } = self;
+        AssetFeatures { content, copies, responses, frames: FRAMES_PER_RESPONSE, width: *width }
+    }
 }
 
 /// Sets the mean logits to those of unmarked clips, clean and noisy, as R and the directions are now.
@@ -119,6 +151,15 @@ pub(super) fn set_zero(
     Ok(())
 }
 
+/// The colour map that goes with an asset: G λ² (M + λ²)⁻¹.
+pub(super) fn colour_map(
+    config: &EmbedConfig,
+    pool: &mut ClipPool,
+    stage: &mut Stage,
+) -> Result<ColourMap, EngineError> {
+    Ok(silencing(&second_moment(pool, stage)?, config.null_gain, config.null_level))
+}
+
 /// E[x xᵀ] over all pixels of the resized unmarked clips.
 fn second_moment(pool: &mut ClipPool, stage: &mut Stage) -> Result<Matrix3<f64>, EngineError> {
     // Clips come in the order of what is in memory; their sums are added in the order of their numbers.
@@ -138,7 +179,7 @@ fn second_moment(pool: &mut ClipPool, stage: &mut Stage) -> Result<Matrix3<f64>,
 /// G λ² (M + λ²)⁻¹: keeps and amplifies the colour directions that the asset leaves unused, and silences the
 /// others.
 #[allow(clippy::cast_possible_truncation, reason = "weights are single precision")]
-fn colour_map(moment: &Matrix3<f64>, gain: f64, level: f64) -> ColourMap {
+fn silencing(moment: &Matrix3<f64>, gain: f64, level: f64) -> ColourMap {
     let eigen = SymmetricEigen::new(*moment);
     let gains = eigen.eigenvalues.map(|w| gain * level * level / (w.max(0.0) + level * level));
     let map = eigen.eigenvectors * Matrix3::from_diagonal(&gains) * eigen.eigenvectors.transpose();
@@ -197,13 +238,13 @@ fn copies_features(
 fn responses(
     device: &Device,
     features: &mut FeatureExtractor,
-    (config, key): (&EmbedConfig, &Key),
+    (config, prf): (&EmbedConfig, &Prf),
     pool: &mut ClipPool,
     (stage, content): (&mut Stage, &[Vec<f32>]),
 ) -> Result<Vec<f32>, EngineError> {
-    let mut rng = key.prf().stream(Stream::Responses, config.seed);
+    let mut rng = prf.stream(Stream::Responses, config.seed);
     let clips = u32::try_from(pool.training().len()).unwrap_or(u32::MAX);
-    let mut found = Vec::with_capacity(config.responses * FRAMES_PER_RESPONSE * key.text_mean.len());
+    let mut found = Vec::new();
     for _ in 0..config.responses {
         stage.offsets.write(&random_field(stage.num_splats, stage.bases, config.response_level, &mut rng))?;
         for _ in 0..CLIPS_PER_RESPONSE {

@@ -11,6 +11,7 @@ mod fit;
 mod ladder;
 mod perception;
 mod pool;
+pub mod pretrain;
 mod repeated;
 mod step;
 mod terms;
@@ -153,7 +154,7 @@ impl<'a> Embedding<'a> {
     /// As [`Embedding::prepare`]; [`EngineError::Usage`] for a frozen extractor of another mode than the settings'.
     pub fn prepare_with(subject: Subject<'a>, config: EmbedConfig, start: Start<'_>) -> Result<Self, EngineError> {
         config.validate()?;
-        let clips = ClipPool::draw(&subject, &config)?;
+        let clips = ClipPool::draw(subject.device, subject.model, &subject.key.prf(), &config)?;
         Self::prepare_on(subject, config, start, clips)
     }
 
@@ -165,6 +166,13 @@ impl<'a> Embedding<'a> {
         mut clips: ClipPool,
     ) -> Result<Self, EngineError> {
         let Subject { device, clip, key, model, .. } = subject;
+        if let Some(general) = config.general.as_deref().filter(|general| general.clip != key.clip) {
+            return Err(EngineError::Usage {
+                what: "general extractor".to_owned(),
+                got: format!("one for the CLIP checkpoint {}", general.clip),
+                expected: format!("one for {}, which the key was made with", key.clip),
+            });
+        }
         let config = config.for_degree(model.gaussians.sh_degree);
         let mut seconds = BTreeMap::new();
         let started = Instant::now();

@@ -5,17 +5,16 @@
 
 use std::sync::Arc;
 
-use guard4d_kernels::KernelError;
+use guard4d_kernels::{Device, KernelError};
 use rand_chacha::rand_core::Rng;
 
-use super::Subject;
 use super::clips::{ClipBuilder, TrainingClip, shots};
 use super::config::EmbedConfig;
 use super::step::Stage;
 use crate::error::EngineError;
 use crate::lpips::LpipsFeatures;
-use crate::scene::Camera;
-use crate::watermark::prf::Purpose as Stream;
+use crate::scene::{Camera, Model};
+use crate::watermark::prf::{Prf, Purpose as Stream};
 
 /// All clips of an embedding by number: first those that steps are taken on, then those that none is taken on.
 pub(super) struct ClipPool {
@@ -64,8 +63,7 @@ pub(super) fn is_over_budget<T>(done: &Result<T, EngineError>) -> bool {
 impl ClipPool {
     /// Draws random views over the whole motion. The held-out ones have a random stream of their own, so that the others
     /// are the same with and without them.
-    pub(super) fn draw(subject: &Subject<'_>, config: &EmbedConfig) -> Result<Self, EngineError> {
-        let prf = subject.key.prf();
+    pub(super) fn draw(device: &Device, model: &Model, prf: &Prf, config: &EmbedConfig) -> Result<Self, EngineError> {
         let mut rng = prf.stream(Stream::Views, config.seed);
         let mut drawn = shots(config, (config.views, config.seed), config.films(), &mut rng)?;
         let num_training = drawn.len();
@@ -74,7 +72,7 @@ impl ClipPool {
             let cameras = (config.held_out_clips(), rng.next_u64());
             drawn.extend(shots(config, cameras, true, &mut rng)?);
         }
-        let builder = ClipBuilder::new(subject.device, subject.model, config)?;
+        let builder = ClipBuilder::new(device, model, config)?;
         let in_use = (config.on_rung(0).views as usize).min(num_training);
         Ok(Self { shots: drawn, num_training, in_use, builder, kept: Kept::default(), made: 0 })
     }

@@ -1,5 +1,8 @@
 //! The command line: one type per subcommand, one doc comment per flag.
 
+mod pretrain;
+mod study;
+
 use std::path::PathBuf;
 
 use bytesize::ByteSize;
@@ -7,9 +10,11 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use glam::DVec3;
 use guard4d_engine::clip::Precision;
 use guard4d_engine::distortion::Distortion;
-use guard4d_engine::study::SceneSource;
 use guard4d_engine::watermark::embed::Control;
 use guard4d_kernels::{DeviceSelect, FamilySelect};
+
+pub(crate) use self::pretrain::PretrainArgs;
+pub(crate) use self::study::{StudyArgs, StudyPart};
 
 /// Writes an owner's message into 4D Gaussian splat assets and reads it back from rendered video.
 #[derive(Debug, Parser)]
@@ -75,6 +80,8 @@ pub(crate) enum Command {
     Demo(DemoArgs),
     /// Makes an owner key: token table and message decoder, derived from a master secret
     Keygen(KeygenArgs),
+    /// Makes a general extractor from random scenes and offsets: nobody's key or message takes part
+    PretrainExtractor(PretrainArgs),
     /// Writes a message into a model, or takes it out again with --undo
     ///
     /// Training takes views of its own: all around --target and looking at it, --radius away, at random heights above the
@@ -266,6 +273,8 @@ pub(crate) enum ExtractorArg {
     None,
     /// A front end that never saw the message: exact p-values
     Blind,
+    /// The same, with directions learned once from other scenes, before anyone had this one: exact p-values
+    General,
     /// The paper's front end, trained with the message: only empirical false-positive rates
     Joint,
 }
@@ -339,6 +348,9 @@ pub(crate) struct EmbedArgs {
     /// By default `blind`; with the paper's profiles what they are about.
     #[arg(long, value_enum)]
     pub(crate) extractor: Option<ExtractorArg>,
+    /// General extractor for `--extractor general`, as `pretrain-extractor` writes it; one for `mini` is built in
+    #[arg(long, value_name = "FILE")]
+    pub(crate) general: Option<PathBuf>,
     /// Let `joint` read an unmarked control clip on every K-th step only, and count it K times: faster, less exact
     #[arg(long, value_name = "K", default_value_t = 1)]
     pub(crate) control_every: u32,
@@ -474,63 +486,6 @@ pub(crate) struct AttackArgs {
 }
 
 /// Parts of a study.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum StudyPart {
-    /// The paper's Table 1: methods
-    Table1,
-    /// The paper's Table 2: message lengths
-    Table2,
-    /// The paper's Table 3: terms of the loss
-    Table3,
-    /// The paper's Table 4: control clips
-    Table4,
-    /// Where the message lives, by extractor and control loss
-    Extractors,
-    /// Distorted films
-    Attacks,
-    /// Seconds against accuracy and fidelity
-    Pareto,
-    /// Hard scenes, films, lengths and sizes
-    Stability,
-    /// Stopping early against taking all steps
-    Fit,
-    /// All of them
-    All,
-}
-
-#[derive(Args, Debug)]
-pub(crate) struct StudyArgs {
-    /// What to measure
-    #[arg(value_enum, required = true)]
-    pub(crate) what: Vec<StudyPart>,
-    /// Folder for readings, keys and reports; what is there is gone on with
-    #[arg(long)]
-    pub(crate) out: PathBuf,
-    /// Small frames, few steps and fewer arms: each part ends within 15 minutes on two processor cores
-    #[arg(long)]
-    pub(crate) quick: bool,
-    /// Scenes: demo, model folders, static PLYs [default: demo]
-    #[arg(long, value_delimiter = ',')]
-    pub(crate) scenes: Vec<SceneSource>,
-    /// Seeds of keys, messages, views, times and noise [default: 0,1,2; with --quick: 0]
-    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u8).range(..=253))]
-    pub(crate) seeds: Vec<u8>,
-    /// Only arms whose name holds one of these words
-    #[arg(long, value_name = "WORDS", value_delimiter = ',')]
-    pub(crate) only: Vec<String>,
-    /// Side of frames in pixels [default: 400; with --quick: 100]
-    #[arg(long, value_parser = clap::value_parser!(u32).range(16..=4096))]
-    pub(crate) size: Option<u32>,
-    #[command(flatten)]
-    pub(crate) effort: EffortArgs,
-    /// CLIP checkpoint: `mini` or a folder
-    #[arg(long, default_value = "mini")]
-    pub(crate) clip: String,
-    /// LPIPS weights, as `embed` takes them: part of the paper's objective, and one more figure of its rows
-    #[arg(long, value_name = "FILE")]
-    pub(crate) lpips: Option<PathBuf>,
-}
-
 #[derive(Args, Debug)]
 pub(crate) struct InspectArgs {
     /// Model folder, PLY, key (with how many bits have to match) or receipt

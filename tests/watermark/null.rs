@@ -1,0 +1,84 @@
+//! A million claims that nobody has a right to: unmarked clips through the general extractor, read by random keys.
+
+use std::sync::Arc;
+
+use guard4d_engine::scene::ImageSize;
+use guard4d_engine::scene::camera_paths::{Lens, Orbit};
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedding, Profile};
+use guard4d_engine::watermark::evaluate::HeldOut;
+use guard4d_engine::watermark::evidence::ExtractorMode;
+use guard4d_engine::watermark::extractor::Reader;
+use guard4d_engine::watermark::general::GeneralExtractor;
+use guard4d_engine::watermark::message::Message;
+use guard4d_engine::watermark::statistics::SoftScoreNull;
+use nalgebra::{DMatrix, DVector};
+
+use crate::support::gpu::{Gpu, device};
+use crate::support::owner::Owner;
+use crate::support::random::Random;
+
+const BITS: usize = 48;
+/// Mixings of the directions, one of them per key's secret.
+const MIXINGS: usize = 2000;
+/// Messages claimed with each.
+const CLAIMS: usize = 500;
+
+/// Coordinates of unmarked clips along the general extractor's directions, before any key mixes them `[clips][L]`.
+fn unmarked(gpu: &Gpu) -> Vec<Vec<f64>> {
+    let owner = Owner::reading(gpu, BITS as u32);
+    let config = EmbedConfig {
+        views: 12,
+        size_px: (64, 64),
+        general: Some(Arc::new(GeneralExtractor::built_in().expect("our own file"))),
+        held_out_every: 0,
+        ..EmbedConfig::new(Profile::Draft, ExtractorMode::General)
+    };
+    let embedding = Embedding::prepare(owner.subject(gpu), config).expect("prepares");
+    let extractor = embedding.fitted();
+    let lens = Lens { fov_x_rad: 0.7, size: ImageSize::new(64, 64).expect("a size") };
+    let orbit = Orbit { views: 16, elevation_deg: 30.0, radius: 4.0, target: glam::Vec3::ZERO, lens };
+    let times: Vec<f32> = (0..8u8).map(|i| f32::from(i) / 7.0).collect();
+    let cameras = orbit.cameras().expect("an orbit").at_times(&times);
+    let clean = HeldOut::shoot(gpu, &owner.model, &owner.model.gaussians.sh_coeffs, &cameras).expect("films").clean;
+    let mut reader = Reader::new(gpu, &owner.clip, &owner.key, extractor).expect("belongs to the key");
+    let coordinates = |clip: &Vec<_>| extractor.calibration.coordinates(&reader.look(clip).expect("reads").features);
+    clean.iter().map(coordinates).collect()
+}
+
+#[test]
+fn a_million_claims_on_unmarked_clips_are_as_good_as_chance_makes_them() {
+    let Some(gpu) = device() else { return };
+    let clips = unmarked(&gpu);
+    assert_eq!(clips.len(), 16, "one clip per camera");
+    let mut random = Random(48);
+    let (mut p_values, mut counts) = (Vec::new(), [0u32; 3]);
+    for mixing in 0..MIXINGS {
+        let clip = DVector::from_column_slice(&clips[mixing % clips.len()]);
+        assert!(clip.iter().all(|z| z.is_finite()), "coordinates of clip {mixing}");
+        // Sums of twelve uniform numbers are normal enough for a rotation.
+        let gaussian = DMatrix::from_fn(BITS, BITS, |_, _| (0..12).map(|_| random.uniform(-0.5, 0.5)).sum::<f64>());
+        let read = gaussian.qr().q().tr_mul(&clip);
+        let null = SoftScoreNull::new(read.as_slice()).expect("finite");
+        for claim in 0..CLAIMS {
+            let bits: Vec<bool> = (0..BITS).map(|_| random.uniform(0.0, 1.0) < 0.5).collect();
+            let p = null.p_value(&Message::from_bits(&bits).expect("48 bits")).expect("48 bits");
+            for (count, rate) in counts.iter_mut().zip([1e-2, 1e-3, 1e-6]) {
+                *count += u32::from(p <= rate);
+            }
+            if claim < 5 {
+                p_values.push(p);
+            }
+        }
+    }
+    // Expected 10,000, 1,000 and 1: within five standard deviations, and for the last what chance exceeds once in 1,500 times.
+    let expected = [(9_500, 10_500), (840, 1_160), (0, 5)];
+    for (count, (least, most)) in counts.into_iter().zip(expected) {
+        assert!((least..=most).contains(&count), "{counts:?} of a million at 1e-2, 1e-3 and 1e-6");
+    }
+    p_values.sort_by(f64::total_cmp);
+    let n = p_values.len() as f64;
+    let distance = |(i, p): (usize, &f64)| (p - i as f64 / n).abs().max((p - (i + 1) as f64 / n).abs());
+    let distance = p_values.iter().enumerate().map(distance).fold(0.0, f64::max);
+    // Kolmogorov's bound at 1e-3: 1.95 / √n; ten thousand p-values.
+    assert!(n == 10_000.0 && distance < 1.95 / n.sqrt(), "distance from uniform {distance} of {n}");
+}
