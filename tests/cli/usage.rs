@@ -22,9 +22,8 @@ fn wrong_usage_ends_with_two() {
     guard4d(&[&"render", &"model", &"--out", &"x", &"--cameras", &"c", &"--orbit", &"3"]).refused(2, &["--orbit"]);
     guard4d(&[&"embed", &"model", &"--out", &"x"]).refused(2, &["--key <KEY>"]);
     // By the names that receipts and reports use.
-    let modes =
-        [ExtractorMode::None, ExtractorMode::Blind, ExtractorMode::Joint].map(|mode| mode.to_string()).join(", ");
-    assert_eq!(modes, "none, blind, joint");
+    let modes = ExtractorMode::ALL.map(|mode| mode.to_string()).join(", ");
+    assert_eq!(modes, "none, blind, general, joint");
     guard4d(&[&"embed", &"model", &"--out", &"x", &"--key", &"k", &"--extractor", &"best"]).refused(2, &[&modes]);
     guard4d(&[&"embed", &"model", &"--out", &"x", &"--key", &"k", &"--bases", &"some"]).refused(2, &["dc, all"]);
     guard4d(&[&"verify", &"--key", &"k", &"--receipt", &"r"]).refused(2, &["<CLIPS>..."]);
