@@ -206,6 +206,9 @@ impl<'a> Pretraining<'a> {
             responses,
             size_px: (size_px, size_px),
             vantage: Vantage::of(model, usual.fov_deg.to_radians()),
+            // What brightness does differs from scene to scene more than what marks do: with it 88 % of the bits of fox and robot were read,
+            // without it 92 (two keys each, 150 steps).
+            calibration_copies: Vec::new(),
             held_out_every: 0,
             ..usual
         }
