@@ -98,7 +98,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     note(common, "4/4 verify: from the video alone");
     let receipt = out.path().join(PRIVATE).join(RECEIPT);
     let sought = Some(Sought::Message(message));
-    let case = Case { device: &device, clip: &clip, key: &owner, sought, receipt: &receipt };
+    let case = Case { device: &device, clip: &clip, key: &owner, sought, receipt: &receipt, general: None };
     let exhibits = Exhibits { suspects: vec![out.path().join(VIDEO)], clean: film.clean, ..Exhibits::default() };
     let verification = timed(&mut seconds, "verify", || case.verify(&exhibits, &read_options()))?;
 

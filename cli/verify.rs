@@ -6,6 +6,7 @@ use guard4d_engine::EngineError;
 use guard4d_engine::clip::ClipSource;
 use guard4d_engine::scene::Model;
 use guard4d_engine::watermark::evidence::{PStatement, Verdict};
+use guard4d_engine::watermark::general::GeneralExtractor;
 use guard4d_engine::watermark::id_code::{IdBits, SearchedP};
 use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::other_keys::OtherKeys;
@@ -34,7 +35,9 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
     let stranger = |path: &PathBuf| Ok(Stranger { name: path.display().to_string(), key: Key::read(path, &clip)? });
     let strangers = args.other_key.iter().map(stranger).collect::<Result<_, EngineError>>()?;
     let exhibits = Exhibits { suspects: args.clips.clone(), unrelated: args.unrelated.clone(), clean, strangers };
-    let case = Case { device: &device, clip: &clip, key: &key, sought, receipt: &args.receipt };
+    let general = args.general.as_deref().map(GeneralExtractor::read).transpose()?;
+    let (receipt, general) = (&args.receipt, general.as_ref());
+    let case = Case { device: &device, clip: &clip, key: &key, sought, receipt, general };
     let report = case.verify(&exhibits, &read_options())?;
     print(common, &report, human)?;
     Ok(outcome(&report))

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use guard4d_engine::EngineError;
 use guard4d_engine::media::encode::{EncodeOptions, write_mp4};
@@ -14,6 +15,7 @@ use guard4d_engine::watermark::delivery::{EXTRACTOR, MARKED, PRIVATE, RECEIPT, U
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, StepReport};
 use guard4d_engine::watermark::evidence::{ExtractorMode, PStatement};
 use guard4d_engine::watermark::extractor::ExtractorWeights;
+use guard4d_engine::watermark::general::GeneralExtractor;
 use guard4d_engine::watermark::receipt::Receipt;
 use guard4d_engine::watermark::tmsd::TmsdConfig;
 use guard4d_engine::watermark::undo;
@@ -230,6 +232,11 @@ fn a_delivery_without_r_changes_colours_only_verifies_and_can_be_undone() {
 }
 
 #[test]
+fn a_delivery_of_general_changes_colours_only_verifies_and_can_be_undone() {
+    deliver_and_verify(ExtractorMode::General);
+}
+
+#[test]
 fn a_delivery_of_blind_changes_colours_only_verifies_and_can_be_undone() {
     deliver_and_verify(ExtractorMode::Blind);
 }
@@ -244,7 +251,11 @@ fn deliver_and_verify(mode: ExtractorMode) {
     let Some(gpu) = device() else { return };
     let mut owner = Owner::new(&gpu);
     let tmsd = EmbedConfig::new(Profile::Draft, mode).tmsd;
-    owner.config = EmbedConfig { mode, tmsd, steps: 1, responses: BITS as usize, ..owner.config };
+    let general =
+        (mode == ExtractorMode::General).then(|| Arc::new(GeneralExtractor::built_in().expect("our own file")));
+    let calibration_copies = EmbedConfig::new(Profile::Draft, mode).calibration_copies;
+    let config = EmbedConfig { mode, tmsd, general, calibration_copies, steps: 1, responses: 0, ..owner.config };
+    owner.config = config.with_responses(BITS as usize);
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let out = folder.path().join("out");
     let embedded = embed(&gpu, &owner, None);
@@ -289,6 +300,7 @@ fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
         key: &owner.key,
         sought: Some(Sought::Message(message)),
         receipt: &receipt,
+        general: None,
     };
     let mut suspects = vec![out.join("preview")];
     if owner.config.mode == ExtractorMode::Blind && crate::support::has_ffmpeg() {

@@ -420,6 +420,9 @@ pub(crate) struct VerifyArgs {
     /// Receipt of the embedding; its folder holds the extractor
     #[arg(long)]
     pub(crate) receipt: PathBuf,
+    /// General extractor that `embed` was given, if it was not the built-in one
+    #[arg(long, value_name = "FILE")]
+    pub(crate) general: Option<PathBuf>,
     /// The message claimed, as it was given to `embed`; id:12 or id:16 reads whichever number is there
     ///
     /// By default what the receipt says: whichever number is there, or the key's own message. A number that is read and

@@ -88,6 +88,11 @@ fn an_extractor_from_after_the_receipt_is_refused_under_any_name() {
             scandal.verify(&folder, &[]).refused(65, &["extractor.safetensors: tmsd"]);
         }
     }
+    // Directions that were fitted to a scene, and so could have been to a clip, are not those that everybody knows.
+    let fitted = ExtractorWeights { mode: ExtractorMode::General, ..honest.clone() };
+    scandal
+        .verify(&scandal.put("general-fitted", &fitted, scandal.promise(&fitted)), &[])
+        .refused(65, &["extractor.safetensors: calibration.directions", "those of the general extractor"]);
     // Without a network the zeros of the calibration can be set so that the clip says anything: the hash tells.
     let Owner { clip, key, message, .. } = &scandal.owner;
     let zeros = rig(&gpu, (clip, key), &scandal.frames, message);

@@ -18,6 +18,9 @@ use crate::tensor_file::{Tensor, TensorFile};
 /// Content's standard deviation along each bit, where ±1 is the text feature of a written bit.
 pub const CONTENT_LEVEL: f64 = 0.35;
 
+/// What rounding directions to single precision can change of them, as a share: their lengths differ by a few powers of ten.
+const ROUNDING: f64 = 1e-3;
+
 /// The affine map f ↦ mean_text + codesᵀ · directionsᵀ (f − mean_image).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
@@ -89,6 +92,24 @@ impl Calibration {
             directions: row_major(&scaled),
             mean_logits: vec![0.0; bits],
         })
+    }
+
+    /// Whether the directions are the first L of `general`'s, turned and scaled as [`Calibration::general`] does and in no other way.
+    #[must_use]
+    pub fn is_along(&self, general: &GeneralExtractor) -> bool {
+        let (width, bits, most) = (self.mean_image.len(), self.mean_logits.len(), general.most_bits);
+        if bits > most || general.directions.len() != width * most {
+            return false;
+        }
+        let own = rows(&self.directions, bits);
+        let known = rows(&general.directions, most).columns(0, bits).into_owned();
+        let Some(cholesky) = known.tr_mul(&known).cholesky() else { return false };
+        let turn = cholesky.solve(&known.tr_mul(&own));
+        let beside = (&own - &known * &turn).norm() / own.norm();
+        // s² I for a rotation times s.
+        let square = turn.tr_mul(&turn);
+        let even = DMatrix::from_diagonal_element(bits, bits, square.trace() / bits.max(1) as f64);
+        beside < ROUNDING && (&square - &even).norm() < ROUNDING * square.norm()
     }
 
     /// Coordinates `[L]` of the mean of some features `[n, D]` along the calibrated directions: 0 where unmarked clips

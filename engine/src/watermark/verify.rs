@@ -6,8 +6,9 @@ use guard4d_kernels::Device;
 
 use super::delivery::EXTRACTOR;
 use super::digest::Digest;
-use super::evidence::{Claim, Evidence, Thresholds, judge};
+use super::evidence::{Claim, Evidence, ExtractorMode, Thresholds, judge};
 use super::extractor::{ExtractorWeights, PREPROCESS, Reader, Sight, decode};
+use super::general::GeneralExtractor;
 use super::id_code::{IdBits, IdCode, IdReading, SearchedP};
 use super::key::Key;
 use super::message::{Message, Payload};
@@ -35,6 +36,8 @@ pub struct Case<'a> {
     pub sought: Option<Sought>,
     /// Receipt of the embedding; the extractor lies beside it.
     pub receipt: &'a Path,
+    /// What an extractor that calls itself general has to look along; the built-in one unless it is given.
+    pub general: Option<&'a GeneralExtractor>,
 }
 
 /// What clips are asked for.
@@ -383,7 +386,34 @@ impl Case<'_> {
             let expected = promised.map_or_else(|| "none".to_owned(), |d| d.to_string());
             return Err(bad(&path, "hash", digest.to_string(), format!("{expected}, as committed in the receipt")));
         }
+        if mode == ExtractorMode::General {
+            self.check_general(&path, &extractor)?;
+        }
         Ok(extractor)
+    }
+
+    /// Refuses an extractor that calls itself general and looks elsewhere: its directions could have been chosen for a clip.
+    fn check_general(&self, path: &Path, extractor: &ExtractorWeights) -> Result<(), EngineError> {
+        let built_in;
+        let known = match self.general {
+            Some(given) => given,
+            None => {
+                built_in = GeneralExtractor::built_in()?;
+                &built_in
+            }
+        };
+        if known.clip != self.key.clip {
+            return Err(EngineError::Usage {
+                what: "general extractor".to_owned(),
+                got: format!("one for the CLIP checkpoint {}", known.clip),
+                expected: format!("one for {}, which the key was made with", self.key.clip),
+            });
+        }
+        if !extractor.calibration.is_along(known) {
+            let expected = format!("those of the general extractor {}, turned and scaled", known.digest()?);
+            return Err(bad(path, "calibration.directions", "others".to_owned(), expected));
+        }
+        Ok(())
     }
 }
 
