@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use guard4d_engine::watermark::embed::pretrain::Scenery;
+use guard4d_engine::watermark::message::MAX_MESSAGE_BITS;
 
 #[derive(Args, Debug)]
 pub(crate) struct PretrainArgs {
@@ -17,7 +18,7 @@ pub(crate) struct PretrainArgs {
     #[arg(long, value_delimiter = ',', default_value = "procedural:3")]
     pub(crate) probes: Vec<Scenery>,
     /// Most bits of a message that it can read; `mini` has keys of at most 72
-    #[arg(long, default_value_t = 72)]
+    #[arg(long, default_value_t = 72, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_MESSAGE_BITS)))]
     pub(crate) bits: u32,
     /// Extractor file to write; the learning curve goes beside it, with the extension csv
     ///
@@ -34,7 +35,7 @@ pub(crate) struct PretrainArgs {
     #[arg(long, default_value_t = 32)]
     pub(crate) responses: u32,
     /// Side of the frames in pixels
-    #[arg(long, default_value_t = 100)]
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(16..=4096))]
     pub(crate) size: u32,
     /// Go on from the checkpoint of an interrupted run
     #[arg(long)]

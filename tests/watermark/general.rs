@@ -72,6 +72,7 @@ fn a_checkpoint_of_other_settings_is_refused() {
         PretrainConfig { probes: Vec::new(), ..settings(0) },
         PretrainConfig { clips: 0, ..settings(0) },
         PretrainConfig { responses: 3, ..settings(0) },
+        PretrainConfig { scenes: vec![Scenery::Procedural(1)], responses: 16, bits: 17, ..settings(0) },
     ];
     for config in impossible {
         let refused = Pretraining::prepare(&gpu, &clip, config.clone()).map(|_| ());

@@ -136,12 +136,15 @@ impl<'a> Pretraining<'a> {
     /// [`EngineError::Usage`] without a scene; when the device fails.
     pub fn prepare(device: &'a Device, clip: &'a Clip, config: PretrainConfig) -> Result<Self, EngineError> {
         let (few, scenes) = (config.bits.min(CURVE_BITS), config.num_scenes());
-        if scenes == 0 || count(&config.probes) == 0 || config.clips == 0 || few == 0 || config.responses < few {
+        let is_little = count(&config.probes) == 0 || config.clips == 0 || few == 0 || config.responses < few;
+        if is_little || scenes * config.responses < config.bits {
             let PretrainConfig { clips, responses, bits, .. } = &config;
             return Err(EngineError::Usage {
                 what: "pretraining".to_owned(),
                 got: format!("{scenes} scenes, {clips} clips and {responses} fields on each, {bits} bits"),
-                expected: format!("a scene, a probe, a clip, a bit and at least {few} fields"),
+                expected: format!(
+                    "a probe, a clip, at least {few} fields on each scene, and as many on all as there are bits"
+                ),
             });
         }
         // A stranger's key: its seed is public.
