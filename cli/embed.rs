@@ -233,11 +233,9 @@ fn config(args: &EmbedArgs, (gate, bits): (&Gate, usize)) -> Result<EmbedConfig,
     config.max_offset = args.max_offset.or(config.max_offset);
     config.reach = args.reach.unwrap_or(config.reach);
     config.lpips = lpips(&args.lpips)?;
-    config.general = match (&args.general, mode) {
-        (Some(path), _) => Some(Arc::new(GeneralExtractor::read(path)?)),
-        (None, ExtractorMode::General) => Some(Arc::new(GeneralExtractor::built_in()?)),
-        (None, _) => None,
-    };
+    if args.general.is_some() || mode == ExtractorMode::General {
+        config.general = Some(Arc::new(GeneralExtractor::open(args.general.as_deref())?));
+    }
     Ok(match args.fit {
         FitArg::Auto => config.climbing(gate.aim(), bits),
         FitArg::Full => config,

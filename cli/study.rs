@@ -62,12 +62,11 @@ fn scale(args: &StudyArgs) -> Result<Scale, EngineError> {
 
 /// The one that is named, or the built-in one with the built-in CLIP.
 fn general(args: &StudyArgs) -> Result<Option<Arc<GeneralExtractor>>, EngineError> {
-    let general = match (&args.general, ClipSource::from_argument(&args.clip)) {
-        (Some(path), _) => GeneralExtractor::read(path)?,
-        (None, ClipSource::Mini) => GeneralExtractor::built_in()?,
-        (None, _) => return Ok(None),
-    };
-    Ok(Some(Arc::new(general)))
+    let is_mini = matches!(ClipSource::from_argument(&args.clip), ClipSource::Mini);
+    if args.general.is_none() && !is_mini {
+        return Ok(None);
+    }
+    Ok(Some(Arc::new(GeneralExtractor::open(args.general.as_deref())?)))
 }
 
 fn substudies(part: StudyPart) -> Vec<Substudy> {

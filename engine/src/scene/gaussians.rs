@@ -9,6 +9,9 @@ pub const MAX_SH_BASES: usize = sh_bases(MAX_SH_DEGREE);
 /// Colour channels of an SH coefficient.
 pub const CHANNELS: usize = 3;
 
+/// SH constant Y₀: colour per unit of DC coefficient.
+pub const Y0: f64 = 0.282_094_79;
+
 /// Floats of SH per splat in [`Gaussians::sh_coeffs`].
 pub const SH_FLOATS: usize = MAX_SH_BASES * CHANNELS;
 

@@ -9,7 +9,7 @@ use std::path::Path;
 use glam::{DQuat, DVec3};
 use rand_chacha::ChaCha20Rng;
 
-use super::gaussians::{CHANNELS, Gaussians, SH_FLOATS};
+use super::gaussians::{CHANNELS, Gaussians, SH_FLOATS, Y0};
 use super::model::Model;
 use super::narrow;
 use crate::error::EngineError;
@@ -17,8 +17,6 @@ use crate::watermark::prf::{standard_normal, uniform_below, uniform_unit};
 
 /// What a scene is written as, should anybody write it.
 const NAME: &str = "procedural.ply";
-/// Colour per unit of DC coefficient.
-const Y0: f64 = 0.282_094_79;
 /// Splats of all solids together: as many as small captures have.
 const SPLATS: (f64, f64) = (6000.0, 14000.0);
 /// Solids.

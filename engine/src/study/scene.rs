@@ -10,7 +10,7 @@ use crate::demo;
 use crate::error::EngineError;
 use crate::media::Frame;
 use crate::scene::camera_paths::{Lens, Orbit};
-use crate::scene::gaussians::{CHANNELS, SH_FLOATS};
+use crate::scene::gaussians::{CHANNELS, SH_FLOATS, Y0};
 use crate::scene::{CameraSet, ImageSize, Model, Vantage};
 use crate::watermark::embed::EmbedConfig;
 use crate::watermark::verify::clean_clips;
@@ -28,7 +28,8 @@ pub(super) const ORBIT_ELEVATION_DEG: f64 = 30.0;
 /// Field of view of the D-NeRF scenes, as training has it.
 const FOV_X_RAD: f64 = 0.691_111_2;
 /// DC coefficient of a colour: (colour − ½) / Y₀.
-const DC_PER_COLOUR: f32 = 1.0 / 0.282_094_79;
+#[allow(clippy::cast_possible_truncation, reason = "coefficients are single precision")]
+const DC_PER_COLOUR: f32 = 1.0 / Y0 as f32;
 
 /// Where a scene comes from.
 #[derive(Clone, Debug, PartialEq, Eq)]

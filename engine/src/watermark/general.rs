@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::digest::Digest;
+use super::key::Key;
 use super::tmsd::TmsdWeights;
 use crate::error::EngineError;
 use crate::output::{AtomicFile, Existing};
@@ -38,6 +39,26 @@ impl GeneralExtractor {
     pub fn built_in() -> Result<Self, EngineError> {
         let bytes = include_bytes!("../../assets/general.safetensors");
         Self::of_file(&TensorFile::from_bytes(Path::new(BUILT_IN), bytes)?)
+    }
+
+    /// The one in a file, or without a file the built-in one.
+    ///
+    /// # Errors
+    /// Those of [`GeneralExtractor::read`].
+    pub fn open(path: Option<&Path>) -> Result<Self, EngineError> {
+        path.map_or_else(Self::built_in, Self::read)
+    }
+
+    /// Refuses a key of another CLIP checkpoint.
+    pub(super) fn check_key(&self, key: &Key) -> Result<(), EngineError> {
+        if self.clip == key.clip {
+            return Ok(());
+        }
+        Err(EngineError::Usage {
+            what: "general extractor".to_owned(),
+            got: format!("one for the CLIP checkpoint {}", self.clip),
+            expected: format!("one for {}, which the key was made with", key.clip),
+        })
     }
 
     fn file(&self) -> TensorFile {

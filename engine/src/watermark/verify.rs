@@ -402,13 +402,7 @@ impl Case<'_> {
                 &built_in
             }
         };
-        if known.clip != self.key.clip {
-            return Err(EngineError::Usage {
-                what: "general extractor".to_owned(),
-                got: format!("one for the CLIP checkpoint {}", known.clip),
-                expected: format!("one for {}, which the key was made with", self.key.clip),
-            });
-        }
+        known.check_key(self.key)?;
         if !extractor.calibration.is_along(known) {
             let expected = format!("those of the general extractor {}, turned and scaled", known.digest()?);
             return Err(bad(path, "calibration.directions", "others".to_owned(), expected));

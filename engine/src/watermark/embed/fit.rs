@@ -17,7 +17,7 @@ use crate::clip::{Clip, Purpose};
 use crate::distortion::{Drawn, Layer};
 use crate::error::EngineError;
 use crate::render::OffsetBases;
-use crate::scene::gaussians::CHANNELS;
+use crate::scene::gaussians::{CHANNELS, Y0};
 use crate::watermark::calibration::Calibration;
 use crate::watermark::decoder::Decoder;
 use crate::watermark::evidence::ExtractorMode;
@@ -27,8 +27,6 @@ use crate::watermark::prf::{Prf, Purpose as Stream, standard_normal, uniform_bel
 use crate::watermark::scatter::AssetFeatures;
 use crate::watermark::tmsd::TmsdWeights;
 
-/// SH constant Y₀: colour per unit of DC offset.
-pub(super) const Y0: f64 = 0.282_094_79;
 /// Clips whose logits set the zero.
 pub(super) const ZERO_CLIPS: usize = 32;
 /// Clips that are copied.
@@ -49,13 +47,14 @@ pub(super) fn extractor(
 ) -> Result<ExtractorWeights, EngineError> {
     let prf = key.prf();
     let general = config.general.as_deref();
-    let tmsd = match (config.mode, general) {
-        (ExtractorMode::None, _) => None,
-        (_, Some(general)) => Some(general.tmsd.with_colour_map(colour_map(config, pool, stage)?)),
-        (_, None) => {
+    let tmsd = match config.mode {
+        ExtractorMode::None => None,
+        _ => {
             let map = colour_map(config, pool, stage)?;
-            let mut rng = prf.stream(Stream::TmsdInit, config.seed);
-            Some(TmsdWeights::new(config.tmsd, map, &mut rng))
+            Some(match general {
+                Some(general) => general.tmsd.with_colour_map(map),
+                None => TmsdWeights::new(config.tmsd, map, &mut prf.stream(Stream::TmsdInit, config.seed)),
+            })
         }
     };
     let mut features = pool.with_room(|| FeatureExtractor::new(device, clip, tmsd.as_ref(), 1, Purpose::Features))?;

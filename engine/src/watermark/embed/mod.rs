@@ -166,12 +166,8 @@ impl<'a> Embedding<'a> {
         mut clips: ClipPool,
     ) -> Result<Self, EngineError> {
         let Subject { device, clip, key, model, .. } = subject;
-        if let Some(general) = config.general.as_deref().filter(|general| general.clip != key.clip) {
-            return Err(EngineError::Usage {
-                what: "general extractor".to_owned(),
-                got: format!("one for the CLIP checkpoint {}", general.clip),
-                expected: format!("one for {}, which the key was made with", key.clip),
-            });
+        if let Some(general) = &config.general {
+            general.check_key(key)?;
         }
         let config = config.for_degree(model.gaussians.sh_degree);
         let mut seconds = BTreeMap::new();

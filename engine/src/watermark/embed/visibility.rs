@@ -6,12 +6,11 @@
 use guard4d_kernels::Device;
 use guard4d_kernels::optim::adam::RowRates;
 
-use super::fit::Y0;
 use super::pool::ClipPool;
 use super::step::Stage;
 use crate::error::EngineError;
 use crate::render::Offsets;
-use crate::scene::gaussians::CHANNELS;
+use crate::scene::gaussians::{CHANNELS, Y0};
 
 /// Training clips that the light is summed over: with a view of its own for each frame, 256 views from all around.
 const LIT_CLIPS: usize = 32;
