@@ -6,7 +6,7 @@ use guard4d_engine::EngineError;
 use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::demo::{BITS, Scene};
 use guard4d_engine::render::OffsetBases;
-use guard4d_engine::scene::{Gaussians, Model};
+use guard4d_engine::scene::{Gaussians, Model, Motion};
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedding, Profile, Subject};
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_kernels::splat::SH_FLOATS;
@@ -40,7 +40,7 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
     let scene = Scene::unpack()?;
     let model = Model::open(scene.path())?;
     let mut still = model.clone();
-    still.deformation = None;
+    still.motion = Motion::Still;
     for (model, kind, count, bases, named) in [
         (&still, "static", 1_000_000, OffsetBases::Dc, "DC"),
         (&still, "static", 1_000_000, OffsetBases::All, "all"),

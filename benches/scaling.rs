@@ -7,7 +7,7 @@ use guard4d_engine::EngineError;
 use guard4d_engine::deform::DeformField;
 use guard4d_engine::demo::Scene;
 use guard4d_engine::render::{FramePlan, OffsetBases, Offsets, Prune, Renderer};
-use guard4d_engine::scene::{Camera, Model};
+use guard4d_engine::scene::{Camera, Model, Motion};
 use guard4d_kernels::{Buffer, Device};
 
 use crate::harness::{Bench, Work};
@@ -34,7 +34,7 @@ fn clips(bench: &mut Bench) -> Outcome {
     let demo = Scene::unpack()?;
     let model = Model::open(demo.path())?;
     let camera = demo.cameras((SIDE, SIDE))?.clips()[0][0].0;
-    let field = DeformField::new(&bench.device, &model.gaussians, model.deformation.as_ref())?;
+    let field = DeformField::new(&bench.device, &model.gaussians, &model.motion)?;
     let mut job = Job::new(&bench.device, field)?;
     for axis in ["V", "F"] {
         for factor in FACTORS {
@@ -55,7 +55,7 @@ fn splats(bench: &mut Bench) -> Outcome {
         let count = factor * SPLATS;
         let name = format!("scaling/N {count} splats, one frame, {SIDE}x{SIDE}, wall clock");
         if bench.wants(&name) {
-            let field = DeformField::new(&bench.device, &scene::splats(count, &camera), None)?;
+            let field = DeformField::new(&bench.device, &scene::splats(count, &camera), &Motion::Still)?;
             Job::new(&bench.device, field)?.row(bench, &name, ("N", count as f64), &[vec![(camera, 0.0)]])?;
         }
     }

@@ -6,7 +6,7 @@ use guard4d_engine::EngineError;
 use guard4d_engine::deform::{DeformField, SplatState};
 use guard4d_engine::demo::Scene;
 use guard4d_engine::render::{Frame, FrameMut, OffsetBases, Prune};
-use guard4d_engine::scene::{Camera, Model};
+use guard4d_engine::scene::{Camera, Model, Motion};
 use guard4d_kernels::Buffer;
 use guard4d_kernels::splat::SH_FLOATS;
 use guard4d_kernels::splat::dc_colour::{self, BaseColours};
@@ -16,6 +16,7 @@ use guard4d_kernels::splat::project::{self, Projection, View};
 use guard4d_kernels::splat::rasterize::{self, BackwardScratch};
 use guard4d_kernels::splat::sh::{self, ShInputs, VisibleSplats};
 use guard4d_kernels::splat::tile_bin::{TileBinner, VisibleLists};
+use guard4d_kernels::splat::trajectory::{self, PATH_FLOATS, Paths};
 
 use crate::harness::{Bench, Work};
 use crate::{Outcome, scene};
@@ -29,7 +30,7 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
     let model = Model::open(scene.path())?;
     let clips = scene.cameras((SIDE, SIDE))?.clips();
     let (camera, time) = clips[0][0];
-    let mut field = DeformField::new(&bench.device, &model.gaussians, model.deformation.as_ref())?;
+    let mut field = DeformField::new(&bench.device, &model.gaussians, &model.motion)?;
     moments(bench, &model, field.canonical(), time)?;
     let state = field.at(time)?;
     let lists = plan(bench, &state, &view(&camera))?;
@@ -48,7 +49,7 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
 fn made(bench: &mut Bench, count: usize, side: u32) -> Outcome {
     let camera = scene::camera(side)?;
     let splats = scene::splats(count, &camera);
-    let field = DeformField::new(&bench.device, &splats, None)?;
+    let field = DeformField::new(&bench.device, &splats, &Motion::Still)?;
     let state = field.canonical();
     let (lists, _) = TileBinner::new(&bench.device)?.build(&view(&camera), state.raw(), state.len(), Prune::Remove)?;
     let label = format!("{}k, {side}x{side}", count / 1000);
@@ -89,7 +90,7 @@ fn whole(bench: &mut Bench, scene: &str, state: &SplatState, camera: &Camera) ->
 
 /// The parts of the deformation network that are no matrix product.
 fn moments(bench: &mut Bench, model: &Model, state: &SplatState, time: f32) -> Outcome {
-    let weights = model.deformation.as_ref().ok_or_else(|| EngineError::Usage {
+    let weights = model.motion.network().ok_or_else(|| EngineError::Usage {
         what: "embedded scene".to_owned(),
         got: "no deformation".to_owned(),
         expected: "one that moves".to_owned(),
@@ -115,6 +116,11 @@ fn moments(bench: &mut Bench, model: &Model, state: &SplatState, time: f32) -> O
     bench.passes(&format!("splat/deform_apply {n} splats"), Work::Bytes((144 * n) as f64, "9·16·N"), |rec| {
         let out = DeformedOut { means: &mut means, scales: &mut scales, quats: &mut quats };
         deform::apply(rec, state.raw(), heads, RotationUpdate::Add, out)
+    })?;
+    let paths = bench.data("paths", n * PATH_FLOATS)?;
+    bench.passes(&format!("splat/trajectory {n} splats"), Work::Bytes((128 * n) as f64, "8·16·N"), |rec| {
+        let splats = Paths { means: state.raw().means, quats: state.raw().quats, paths: &paths };
+        trajectory::forward(rec, splats, time, &mut means, &mut quats)
     })?;
     let mut sh_coeffs = bench.device.buffer("deformed_sh", SH_FLOATS * n)?;
     let work = Work::Bytes((3 * 4 * SH_FLOATS * n) as f64, "3·4·48·N");

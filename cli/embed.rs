@@ -32,11 +32,10 @@ use serde::Serialize;
 use crate::args::{
     BasesArg, Common, EffortArgs, EmbedArgs, ExtractorArg, FitArg, LpipsArgs, LpipsInputArg, ObjectiveArgs, ProfileArg,
 };
-use crate::devices;
 use crate::progress::bar;
-use crate::report::{Outcome, Row, cost_rows, evidence_in_words, note, percent, print, reading_rows, say, table};
-use crate::stop;
+use crate::report::{Outcome, Row, cost_rows, evidence_in_words, percent, print, reading_rows, say, table};
 use crate::views::{cameras, vantage};
+use crate::{devices, model, stop};
 
 /// What `--json` prints.
 #[derive(Serialize)]
@@ -143,10 +142,9 @@ impl Inputs {
         let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
         let payload = Payload::parse(&args.message, bits)?;
         let gate = gate(args, key.bits(), payload.id_bits().map_or(1, IdBits::num_ids))?;
-        let model = Model::open(&args.model)?;
-        for warning in &model.warnings {
-            note(common, &format!("note: {warning}"));
-        }
+        let model = model::open(&args.model, common)?;
+        // Files that cannot be written in place are refused before the work, not after it.
+        model.words()?;
         let message = payload.message(&key.prf())?;
         let (payload, cameras, key_bits) = (payload.id_bits(), cameras(&args.views, &model)?, key.bits());
         let config = EmbedConfig { vantage: vantage(&args.views, &model), ..config(args, (&gate, key_bits))? };

@@ -1,7 +1,8 @@
 //! `guard4d inspect`
 
 use guard4d_engine::EngineError;
-use guard4d_engine::scene::Model;
+use guard4d_engine::scene::gaussians::SH_FLOATS;
+use guard4d_engine::scene::{Model, Motion};
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::id_code::{IdBits, IdCode};
 use guard4d_engine::watermark::message::MAX_MESSAGE_BITS;
@@ -71,10 +72,16 @@ fn matches_needed(bits: u32) -> Value {
 fn model(args: &InspectArgs) -> Result<Value, EngineError> {
     let model = Model::open(&args.path)?;
     let means = &model.gaussians.means;
+    let source = &model.sources()[0];
     let bound = |pick: fn(f32, f32) -> f32, start: f32| -> [f32; 3] {
         std::array::from_fn(|axis| means.iter().map(|m| m[axis]).fold(start, pick))
     };
-    let kind = if model.deformation.is_some() { "dynamic model (4DGaussians)" } else { "static model (INRIA PLY)" };
+    let kind = match &model.motion {
+        Motion::Still => "static model",
+        Motion::HexPlane(_) => "dynamic model (4DGaussians)",
+        Motion::Paths(_) => "dynamic model (splats on paths)",
+        Motion::Sequence(_) => "dynamic model (a file for each moment)",
+    };
     Ok(json!({
         "kind": kind,
         "splats": model.gaussians.len(),
@@ -82,9 +89,30 @@ fn model(args: &InspectArgs) -> Result<Value, EngineError> {
         "lowest": bound(f32::min, f32::INFINITY),
         "highest": bound(f32::max, f32::NEG_INFINITY),
         "background": model.background,
-        "ply": model.ply().path(),
+        "format": source.format().to_string(),
+        "moments": model.sources().len(),
+        "colours": if model.is_rgb() { "RGB" } else { "SH" },
+        "file_bytes": model.sources().iter().map(|source| source.bytes().len()).sum::<usize>(),
+        "device_bytes": model.gaussians.len() * DEVICE_BYTES,
+        "comments": source.comments(),
+        "can": abilities(&model),
         "notes": model.warnings,
     }))
+}
+
+/// Bytes that a splat takes on the device: coefficients, then means, scales and rotations of four floats each.
+const DEVICE_BYTES: usize = size_of::<f32>() * (SH_FLOATS + 3 * 4);
+
+/// What there is to do with a model.
+fn abilities(model: &Model) -> Vec<String> {
+    let source = &model.sources()[0];
+    let mut can = vec!["render".to_owned(), "convert".to_owned()];
+    can.push(match (model.words(), source.is_imported()) {
+        (Err(error), _) => format!("not embed: {error}"),
+        (Ok(_), true) => "embed, as a PLY".to_owned(),
+        (Ok(_), false) => "embed, in place".to_owned(),
+    });
+    can
 }
 
 fn lines(value: &Value) -> String {

@@ -2,6 +2,7 @@
 
 mod args;
 mod attack;
+mod convert;
 mod demo;
 mod devices;
 mod dump;
@@ -10,6 +11,7 @@ mod film;
 mod inspect;
 mod keygen;
 mod media;
+mod model;
 mod pretrain;
 mod progress;
 mod render;
@@ -58,6 +60,7 @@ fn guarded(work: impl FnOnce() -> u8 + UnwindSafe) -> u8 {
 fn run(cli: &Cli) -> Result<Outcome, EngineError> {
     match &cli.command {
         Command::Attack(args) => attack::run(args, &cli.common),
+        Command::Convert(args) => convert::run(args, &cli.common),
         Command::Demo(args) => demo::run(args, &cli.common),
         Command::Devices => devices::run(&cli.common),
         Command::Dump(args) => dump::run(args, &cli.common),

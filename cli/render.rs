@@ -3,24 +3,23 @@
 use guard4d_engine::EngineError;
 use guard4d_engine::media::Frame;
 use guard4d_engine::render::Film;
-use guard4d_engine::scene::Model;
 
 use crate::args::{Common, RenderArgs};
-use crate::devices;
 use crate::film;
 use crate::progress::bar;
 use crate::report::Outcome;
 use crate::stop;
 use crate::views::cameras;
+use crate::{devices, model};
 
 pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<Outcome, EngineError> {
     stop::listen(common);
     let device = devices::open(common)?;
-    let model = Model::open(&args.model)?;
+    let model = model::open(&args.model, common)?;
     let clips = cameras(&args.views, &model)?.clips();
     let total: usize = clips.iter().map(Vec::len).sum();
     let progress = bar(common, total as u64);
-    let mut film = Film::new(&device, &model.gaussians, model.deformation.as_ref(), model.background)?;
+    let mut film = Film::new(&device, &model.gaussians, &model.motion, model.background)?;
     let shoot = |each: &mut dyn FnMut(Frame) -> Result<(), EngineError>| {
         film.shoot(&clips, |_, camera, pixels| {
             stop::check()?;

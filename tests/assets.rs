@@ -38,7 +38,7 @@ fn golden_files_stay_small() {
 fn demo_scene_loads_without_a_warning() {
     let model = Model::open(&repo("engine/assets/demo-scene")).expect("the demo scene is a valid model");
     assert!(model.warnings.is_empty(), "nothing had to be assumed: {:?}", model.warnings);
-    let field = model.deformation.expect("the demo scene moves");
+    let field = model.motion.network().expect("the demo scene moves");
     let [high, low] = field.aabb;
     let inside = |p: &[f32; 3]| (0..3).all(|k| low[k] < p[k] && p[k] < high[k]);
     assert!(model.gaussians.means.iter().all(inside), "the box of the planes holds every splat");

@@ -1,5 +1,6 @@
 //! The command line: one type per subcommand, one doc comment per flag.
 
+mod convert;
 mod pretrain;
 mod study;
 
@@ -13,6 +14,7 @@ use guard4d_engine::distortion::Distortion;
 use guard4d_engine::watermark::embed::Control;
 use guard4d_kernels::{DeviceSelect, FamilySelect};
 
+pub(crate) use self::convert::ConvertArgs;
 pub(crate) use self::pretrain::PretrainArgs;
 pub(crate) use self::study::{StudyArgs, StudyPart};
 
@@ -95,6 +97,8 @@ pub(crate) enum Command {
     Render(RenderArgs),
     /// Distorts a film as copies are distorted, to see what `verify` then reads
     Attack(AttackArgs),
+    /// Writes a model, or a moment of a moving one, as a file for other programs
+    Convert(ConvertArgs),
     /// Measures how well marks are read, what they cost and where that fails; writes CSV, JSON, SVG and a page for each part
     ///
     /// Readings are kept in OUT/readings.csv as soon as they are made; the same command goes on where it was. Nothing
@@ -491,7 +495,7 @@ pub(crate) struct AttackArgs {
 /// Parts of a study.
 #[derive(Args, Debug)]
 pub(crate) struct InspectArgs {
-    /// Model folder, PLY, key (with how many bits have to match) or receipt
+    /// Model folder or file, key (with how many bits have to match) or receipt
     pub(crate) path: PathBuf,
 }
 

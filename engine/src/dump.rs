@@ -82,7 +82,7 @@ impl View {
 /// [`EngineError::Usage`] for a time outside \[0, 1\]; when the device fails.
 pub fn deform(device: &Device, model: &Model, time: f32) -> Result<TensorFile, EngineError> {
     check_time(time)?;
-    let mut field = DeformField::new(device, &model.gaussians, model.deformation.as_ref())?;
+    let mut field = DeformField::new(device, &model.gaussians, &model.motion)?;
     let n = field.len();
     let mut out = TensorFile::default();
     if let Some(rows) = field.hidden(time)? {
@@ -118,7 +118,7 @@ pub fn render(
     check_time(view.time)?;
     let (height, width) = (view.camera.height as usize, view.camera.width as usize);
     let v_image = v_image.map(|file| file.floats("dL_dimage", &[height, width, RGB])).transpose()?;
-    let mut field = DeformField::new(device, &model.gaussians, model.deformation.as_ref())?;
+    let mut field = DeformField::new(device, &model.gaussians, &model.motion)?;
     let state = field.at(view.time)?;
     let mut renderer = Renderer::new(device)?;
     let plan = renderer.plan(&state, &view.camera, Prune::Keep)?;

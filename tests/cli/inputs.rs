@@ -16,9 +16,10 @@ use crate::support::repo;
 fn a_missing_model_is_a_missing_input() {
     let folder = scratch();
     let nowhere = folder.path().join("nowhere");
-    let words = ["nowhere: not found", "a 4DGaussians folder or an INRIA PLY file", "missing_input"];
+    let words = ["nowhere: not found", "a 4DGaussians folder, or splats as PLY", "missing_input"];
     guard4d(&[&"inspect", &nowhere]).refused(66, &words);
-    guard4d(&[&"inspect", &folder.path()]).refused(66, &["point_cloud", "a saved iteration"]);
+    guard4d(&[&"inspect", &folder.path()])
+        .refused(66, &["*.ply", "a 4DGaussians folder, or one with a file of splats for each moment"]);
     let out = folder.path().join("out");
     if device().is_some() {
         guard4d(&[&"render", &nowhere, &"--out", &out]).refused(66, &words);

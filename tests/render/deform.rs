@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use guard4d_engine::deform::{DeformField, SplatState};
-use guard4d_engine::scene::{Gaussians, Model};
+use guard4d_engine::scene::{Gaussians, Model, Motion};
 use guard4d_engine::tensor_file::TensorFile;
 
 use crate::support::close::assert_close;
@@ -19,7 +19,7 @@ fn read(state: &SplatState) -> [Vec<f32>; 3] {
 }
 
 fn field(gpu: &Gpu, model: &Model) -> DeformField {
-    DeformField::new(gpu, &model.gaussians, model.deformation.as_ref()).expect("uploads")
+    DeformField::new(gpu, &model.gaussians, &model.motion).expect("uploads")
 }
 
 fn columns(rows: &[f32], stride: usize, keep: std::ops::Range<usize>) -> Vec<f32> {
@@ -103,7 +103,7 @@ fn a_static_or_empty_scene_is_the_same_at_any_time() {
     let Some(gpu) = device() else { return };
     let folder = golden::model("dnerf_like");
     let mut model = Model::open(&folder).expect("the model opens");
-    let mut fixed = DeformField::new(&gpu, &model.gaussians, None).expect("uploads");
+    let mut fixed = DeformField::new(&gpu, &model.gaussians, &Motion::Still).expect("uploads");
     assert!(Arc::ptr_eq(&fixed.at(0.1).expect("static"), fixed.canonical()), "no network, no motion");
     model.gaussians = Gaussians::default();
     let mut empty = field(&gpu, &model);

@@ -3,7 +3,7 @@
 use guard4d_engine::deform::DeformField;
 use guard4d_engine::dump::View;
 use guard4d_engine::render::{Frame, FramePlan, Offsets, Prune, Renderer};
-use guard4d_engine::scene::PlyFile;
+use guard4d_engine::scene::{Motion, PlyFile};
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_kernels::shape::OffsetBases;
 
@@ -25,7 +25,7 @@ impl Golden {
         let expected = TensorFile::read(&case.expected).expect("the golden file opens");
         let gaussians = PlyFile::open(&case.ply).and_then(|ply| ply.decode()).expect("the splats decode");
         let view = View::open(&case.camera, None).expect("the camera opens");
-        let mut field = DeformField::new(gpu, &gaussians, None).expect("uploads");
+        let mut field = DeformField::new(gpu, &gaussians, &Motion::Still).expect("uploads");
         let mut renderer = Renderer::new(gpu).expect("renderer");
         let state = field.at(0.0).expect("a static scene");
         let plan = renderer.plan(&state, &view.camera, prune).expect("plans");

@@ -35,7 +35,7 @@ fn setup(gpu: &Gpu, folder: &Path, size: (u32, u32), step: usize, lift: f32) -> 
     }
     let size = ImageSize::new(size.0, size.1).expect("an image size");
     let cameras = CameraSet::open(&folder.join("transforms_test.json"), size).expect("the cameras open");
-    let mut field = DeformField::new(gpu, &model.gaussians, model.deformation.as_ref()).expect("uploads");
+    let mut field = DeformField::new(gpu, &model.gaussians, &model.motion).expect("uploads");
     let mut renderer = Renderer::new(gpu).expect("renderer");
     let mut plans = Vec::new();
     for (_, camera, time) in cameras.entries().step_by(step) {

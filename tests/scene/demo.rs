@@ -9,7 +9,7 @@ fn embedded_scene_unpacks_loads_and_leaves_no_trace() {
     let folder = scene.path().to_owned();
     let model = Model::open(scene.path()).expect("the embedded scene is valid");
     assert!(!model.gaussians.is_empty(), "it has splats");
-    assert!(model.deformation.is_some(), "it moves");
+    assert!(!model.motion.is_still(), "it moves");
     assert!(model.gaussians.sh_coeffs.iter().all(|v| v.is_finite()), "its colours are finite");
     drop(scene);
     assert!(!folder.exists(), "the temporary folder is gone");

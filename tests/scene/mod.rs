@@ -7,6 +7,7 @@ mod cfg_args;
 mod clips;
 mod demo;
 pub(crate) mod fixture;
+mod formats;
 mod model;
 mod output;
 mod ply;

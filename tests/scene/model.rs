@@ -17,7 +17,7 @@ fn open_error(tiny: &TinyModel) -> EngineError {
 }
 
 fn network(model: &Model) -> &DeformationWeights {
-    model.deformation.as_ref().expect("a folder has a deformation network")
+    model.motion.network().expect("a folder has a deformation network")
 }
 
 #[test]
@@ -166,13 +166,13 @@ fn a_marked_copy_differs_only_in_sh_and_carries_no_unmarked_splats() {
     let written = model.write_marked(&target, &sh).expect("the copy can be written");
 
     let relative = |name: &str| PathBuf::from(tiny.saved(name));
-    assert_eq!(written.marked, relative("point_cloud.ply"));
+    assert_eq!(written.marked, [relative("point_cloud.ply")]);
     let copied = ["deformation.pth", "deformation_accum.pth", "deformation_table.pth"].map(relative);
     let copied = [&["cfg_args".into(), "transforms_test.json".into()], copied.as_slice()].concat();
     assert_eq!(written.copied, copied);
     let left_out = ["chkpnt_fine_20000.pth", "input.PLY", "point_cloud/iteration_14000", "test"].map(PathBuf::from);
     assert_eq!(written.left_out, left_out);
-    let mut expected = [copied.as_slice(), std::slice::from_ref(&written.marked)].concat();
+    let mut expected = [copied.as_slice(), written.marked.as_slice()].concat();
     expected.sort();
     assert_eq!(files_below(&target), expected);
     for name in &copied {
@@ -181,7 +181,8 @@ fn a_marked_copy_differs_only_in_sh_and_carries_no_unmarked_splats() {
     }
     let marked = Model::open(&target).expect("the copy is a model");
     assert_eq!(marked.gaussians.sh_coeffs, sh);
-    assert_eq!(marked.ply().with_sh(&model.gaussians.sh_coeffs).expect("SH fits"), model.ply().bytes());
+    let back = marked.words_of(&model.gaussians.sh_coeffs).expect("SH fits");
+    assert_eq!(marked.with_words(&back), [model.sources()[0].bytes()]);
 }
 
 #[test]
@@ -192,11 +193,11 @@ fn a_static_ply_loads_and_is_written_under_its_name() {
     fs::write(&path, ply::encode(&splats)).expect("a temporary folder is writable");
     let model = Model::open(&path).expect("a static model");
     assert_eq!((&model.gaussians, model.background), (&splats, [0.0; 3]), "INRIA's default background is black");
-    assert!(model.deformation.is_none(), "a PLY has no network");
+    assert!(model.motion.is_still(), "a PLY has no network");
     let sh = fixture::gaussians(5, 1, 4).sh_coeffs;
     let out = folder.path().join("out");
     let written = model.write_marked(&out, &sh).expect("the copy can be written");
-    assert_eq!(written.marked, Path::new("garden.ply"));
+    assert_eq!(written.marked, [Path::new("garden.ply")]);
     let marked = Model::open(&out.join("garden.ply")).expect("the copy is a model");
     assert_eq!(marked.gaussians.sh_coeffs, sh);
 }

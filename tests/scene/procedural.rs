@@ -52,6 +52,6 @@ fn a_scene_that_is_written_opens_again() {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let model = scene(5);
     let written = folder.path().join("procedural.ply");
-    std::fs::write(&written, model.ply().bytes()).expect("writable");
+    std::fs::write(&written, model.sources()[0].bytes()).expect("writable");
     assert_eq!(Model::open(Path::new(&written)).expect("a static PLY").gaussians, model.gaussians);
 }

@@ -25,7 +25,7 @@ fn the_light_of_all_splats_is_what_covers_the_pixels() {
     let weights = embedding.visible_weight().expect("measures");
     assert_eq!(weights.len(), owner.model.gaussians.len(), "one for each splat");
     assert!(weights.iter().all(|w| *w >= 0.0 && w.is_finite()), "light is not negative");
-    let mut field = DeformField::new(&gpu, &owner.model.gaussians, owner.model.deformation.as_ref()).expect("field");
+    let mut field = DeformField::new(&gpu, &owner.model.gaussians, &owner.model.motion).expect("field");
     let mut renderer = Renderer::new(&gpu).expect("renderer");
     let mut covered = 0.0;
     let mut image = gpu.buffer("image", 32 * 32 * 4).expect("buffer");

@@ -1,6 +1,8 @@
 //! Splats at a moment in time.
 
 mod network;
+mod paths;
+mod sequence;
 mod state;
 
 use std::sync::Arc;
@@ -8,39 +10,53 @@ use std::sync::Arc;
 use guard4d_kernels::{Buffer, Device};
 
 use crate::error::EngineError;
-use crate::scene::{DeformationWeights, Gaussians};
+use crate::scene::{Gaussians, Motion};
 pub use network::HiddenRows;
 use network::Network;
+use paths::PathField;
+use sequence::Sequence;
 pub use state::SplatState;
 
 /// Moments that are kept when no other number is asked for: two clips of eight frames.
 const DEFAULT_CACHED_TIMES: usize = 16;
 
-/// Canonical splats on the device with the network that moves them.
+/// What moves the splats.
+#[derive(Debug)]
+enum Mover {
+    Network(Box<Network>),
+    Paths(PathField),
+    Sequence(Sequence),
+}
+
+/// Canonical splats on the device with what moves them.
 #[derive(Debug)]
 pub struct DeformField {
     device: Device,
     canonical: Arc<SplatState>,
-    network: Option<Network>,
+    /// `None` for a scene that stands still.
+    mover: Option<Mover>,
     /// Least recently used first.
     cached: Vec<(u32, Arc<SplatState>)>,
     max_cached: usize,
 }
 
 impl DeformField {
-    /// Uploads a scene; without `weights` it looks the same at every time.
+    /// Uploads a scene.
     ///
     /// # Errors
     /// When device memory runs out.
-    pub fn new(
-        device: &Device,
-        gaussians: &Gaussians,
-        weights: Option<&DeformationWeights>,
-    ) -> Result<Self, EngineError> {
+    pub fn new(device: &Device, gaussians: &Gaussians, motion: &Motion) -> Result<Self, EngineError> {
         let canonical = Arc::new(SplatState::upload(device, gaussians)?);
-        let network = weights.map(|w| Network::new(device, w, canonical.len())).transpose()?;
+        let mover = match motion {
+            Motion::Still => None,
+            Motion::HexPlane(weights) => {
+                Some(Mover::Network(Box::new(Network::new(device, weights, canonical.len())?)))
+            }
+            Motion::Paths(paths) => Some(Mover::Paths(PathField::new(device, paths)?)),
+            Motion::Sequence(moments) => Some(Mover::Sequence(Sequence::new(gaussians, moments))),
+        };
         let max_cached = DEFAULT_CACHED_TIMES;
-        Ok(Self { device: device.clone(), canonical, network, cached: Vec::new(), max_cached })
+        Ok(Self { device: device.clone(), canonical, mover, cached: Vec::new(), max_cached })
     }
 
     /// Keeps at most `times` moments, at least one; the least recently used goes first.
@@ -103,7 +119,7 @@ impl DeformField {
     /// # Errors
     /// When device memory runs out or the device fails.
     pub fn at(&mut self, time: f32) -> Result<Arc<SplatState>, EngineError> {
-        let Some(network) = self.network.as_mut().filter(|_| !self.canonical.is_empty()) else {
+        let Some(mover) = self.mover.as_mut().filter(|_| !self.canonical.is_empty()) else {
             return Ok(Arc::clone(&self.canonical));
         };
         let key = time.to_bits();
@@ -113,19 +129,23 @@ impl DeformField {
                 if self.cached.len() >= self.max_cached {
                     self.cached.remove(0);
                 }
-                Arc::new(network.deform(&self.device, &self.canonical, time)?)
+                Arc::new(match mover {
+                    Mover::Network(network) => network.deform(&self.device, &self.canonical, time)?,
+                    Mover::Paths(paths) => paths.deform(&self.device, &self.canonical, time)?,
+                    Mover::Sequence(sequence) => sequence.deform(&self.device, time)?,
+                })
             }
         };
         self.cached.push((key, Arc::clone(&state)));
         Ok(state)
     }
 
-    /// Features and shared layers of the network at `time`; `None` for a static scene.
+    /// Features and shared layers of the network at `time`; `None` for a scene without one.
     ///
     /// # Errors
     /// As [`DeformField::at`].
     pub fn hidden(&mut self, time: f32) -> Result<Option<HiddenRows>, EngineError> {
-        let Some(network) = self.network.as_mut() else { return Ok(None) };
+        let Some(Mover::Network(network)) = self.mover.as_mut() else { return Ok(None) };
         network.hidden(&self.device, &self.canonical, time).map(Some)
     }
 }

@@ -64,6 +64,23 @@ impl SplatState {
         self.len() == 0
     }
 
+    /// The splats, read back from the device.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn read(&self) -> Result<Gaussians, EngineError> {
+        let (means, scales, quats) = (self.means.read()?, self.scales.read()?, self.quats.read()?);
+        let (means, scales) = (means.as_chunks::<4>().0, scales.as_chunks::<4>().0);
+        Ok(Gaussians {
+            means: means.iter().map(|[x, y, z, _]| [*x, *y, *z]).collect(),
+            quats: quats.as_chunks().0.to_vec(),
+            scales: scales.iter().map(|[x, y, z, _]| [*x, *y, *z]).collect(),
+            opacities: means.iter().map(|[.., logit]| *logit).collect(),
+            sh_coeffs: self.sh_coeffs.read()?,
+            sh_degree: self.sh_degree,
+        })
+    }
+
     /// What the projection reads.
     #[must_use]
     pub fn raw(&self) -> RawSplats<'_> {

@@ -5,7 +5,7 @@ use guard4d_kernels::Device;
 use super::{FrameMut, Prune, Renderer};
 use crate::deform::DeformField;
 use crate::error::EngineError;
-use crate::scene::{Camera, DeformationWeights, Gaussians};
+use crate::scene::{Camera, Gaussians, Motion};
 
 /// A scene that is rendered from many cameras once each.
 #[derive(Debug)]
@@ -24,10 +24,10 @@ impl Film {
     pub fn new(
         device: &Device,
         gaussians: &Gaussians,
-        deformation: Option<&DeformationWeights>,
+        motion: &Motion,
         background: [f32; 3],
     ) -> Result<Self, EngineError> {
-        let field = DeformField::new(device, gaussians, deformation)?;
+        let field = DeformField::new(device, gaussians, motion)?;
         Ok(Self { device: device.clone(), field, renderer: Renderer::new(device)?, background })
     }
 

@@ -1,5 +1,7 @@
 //! The canonical splats of a scene, as stored: before any activation.
 
+use crate::error::EngineError;
+
 /// Highest SH degree that a splat can store.
 pub const MAX_SH_DEGREE: u32 = 3;
 
@@ -56,6 +58,26 @@ impl Gaussians {
         self.means.is_empty()
     }
 
+    /// Whether the splat of row `row` can be drawn: all values are finite, and so are its standard deviations. A rotation of
+    /// length zero is none, as in the renderers that such splats come from.
+    #[must_use]
+    pub fn is_sound(&self, row: usize) -> bool {
+        let scales = self.scales[row].into_iter().chain(self.scales[row].map(f32::exp));
+        let geometry = self.means[row].into_iter().chain(self.quats[row]).chain(scales);
+        let colours = self.sh_coeffs[SH_FLOATS * row..SH_FLOATS * (row + 1)].iter().copied();
+        geometry.chain([self.opacities[row]]).chain(colours).all(f32::is_finite)
+    }
+
+    /// Keeps the rows that `keep` holds.
+    pub fn retain(&mut self, keep: &[bool]) {
+        retain_rows(&mut self.means, keep);
+        retain_rows(&mut self.quats, keep);
+        retain_rows(&mut self.scales, keep);
+        retain_rows(&mut self.opacities, keep);
+        let floats: Vec<bool> = keep.iter().flat_map(|&keep| [keep; SH_FLOATS]).collect();
+        retain_rows(&mut self.sh_coeffs, &floats);
+    }
+
     /// Median of the means along each axis: the scene centre that a few stray splats cannot move.
     ///
     /// The upper median is taken for an even count; the origin is returned when there are no splats.
@@ -70,4 +92,36 @@ impl Gaussians {
             *values.select_nth_unstable_by(middle, f32::total_cmp).1
         })
     }
+}
+
+/// Refuses coefficients that do not fit `splats` splats of this degree.
+///
+/// # Errors
+/// [`EngineError::Usage`] for another length, values that are not finite, and values above the degree.
+pub(super) fn check_coeffs(splats: usize, sh_degree: u32, sh_coeffs: &[f32]) -> Result<(), EngineError> {
+    let usage =
+        |got: String, expected: String| EngineError::Usage { what: "new SH coefficients".to_owned(), got, expected };
+    let expected = splats * SH_FLOATS;
+    if sh_coeffs.len() != expected {
+        return Err(usage(format!("{} values", sh_coeffs.len()), format!("{expected} ({splats} splats)")));
+    }
+    let stored = sh_bases(sh_degree) * CHANNELS;
+    for (row, splat) in sh_coeffs.chunks_exact(SH_FLOATS).enumerate() {
+        if let Some(value) = splat.iter().find(|value| !value.is_finite()) {
+            return Err(usage(format!("{value} at splat {row}"), "finite values".to_owned()));
+        }
+        if splat[stored..].iter().any(|&value| value != 0.0) {
+            return Err(usage(
+                format!("values above degree {sh_degree} at splat {row}"),
+                "zeros, because the file has no place for them".to_owned(),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Keeps the elements of `rows` that `keep` holds.
+pub(super) fn retain_rows<T>(rows: &mut Vec<T>, keep: &[bool]) {
+    let mut keep = keep.iter();
+    rows.retain(|_| keep.next().copied().unwrap_or(false));
 }

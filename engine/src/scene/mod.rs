@@ -5,17 +5,24 @@ use std::path::Path;
 
 use crate::error::EngineError;
 
+pub mod axes;
 pub mod camera;
 pub mod camera_files;
 pub mod camera_paths;
 pub mod cfg_args;
 pub mod deformation;
+pub mod formats;
 pub mod gaussians;
+pub mod limits;
 mod literal;
 pub mod model;
+pub mod motion;
 pub mod ply;
 pub mod procedural;
 pub mod pth;
+mod sequence;
+pub mod source;
+pub mod trajectories;
 pub mod vantage;
 
 pub use camera::{Camera, CameraSet, ImageSize, View};
@@ -23,7 +30,9 @@ pub use cfg_args::DeformConfig;
 pub use deformation::DeformationWeights;
 pub use gaussians::Gaussians;
 pub use model::Model;
+pub use motion::Motion;
 pub use ply::PlyFile;
+pub use source::SplatSource;
 pub use vantage::Vantage;
 
 /// A [`EngineError::BadData`] about `field` of the file at `path`.

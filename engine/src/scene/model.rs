@@ -1,15 +1,20 @@
-//! Models: a 4DGaussians folder or a static INRIA PLY, and how a marked copy of either is written.
+//! Models: splats, what moves them, and how a marked copy is written.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::cfg_args::DeformConfig;
 use super::deformation::{DeformationWeights, derive_config};
+use super::formats::KNOWN;
 use super::gaussians::Gaussians;
-use super::ply::{PlyFile, encode};
+use super::motion::Motion;
+use super::ply::encode;
 use super::pth::{PthContent, Tensor};
+use super::sequence::{self, Take};
+use super::source::{Opened, SplatSource};
 use super::{bad_data, read_file};
 use crate::error::EngineError;
+use crate::watermark::digest::Digest;
 
 const CFG_ARGS: &str = "cfg_args";
 const POINT_CLOUD: &str = "point_cloud";
@@ -28,35 +33,38 @@ const SPLAT_EXTENSIONS: [&str; 7] = ["ply", "splat", "splatv", "spz", "sog", "ks
 /// Start of the names of training checkpoints, which hold the splats too.
 const CHECKPOINT: &str = "chkpnt";
 
-/// A model as loaded: splats, their deformation, and the files they came from.
+/// A model as loaded: splats, their motion, and the files they came from.
 #[derive(Clone, Debug)]
 pub struct Model {
     /// Canonical splats.
     pub gaussians: Gaussians,
-    /// Deformation network; `None` for a static model.
-    pub deformation: Option<DeformationWeights>,
+    /// What moves them.
+    pub motion: Motion,
     /// Background colour that the model was trained on.
     pub background: [f32; 3],
-    /// What was assumed because the files do not say it; to be shown to the user.
+    /// What was assumed because the files do not say it, and what was left out; to be shown to the user.
     pub warnings: Vec<String>,
-    ply: PlyFile,
+    /// One, or one for each moment of a sequence.
+    sources: Vec<SplatSource>,
     layout: Layout,
 }
 
 /// The files of a model.
 #[derive(Clone, Debug)]
 enum Layout {
-    /// A PLY on its own.
+    /// A file on its own.
     Static,
     /// A 4DGaussians output folder and the iteration folder in use, relative to it.
     Folder { root: PathBuf, iteration: PathBuf },
+    /// A folder with a file for each moment.
+    Sequence { root: PathBuf },
 }
 
 /// What [`Model::write_marked`] did, with paths relative to the model.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Written {
-    /// The PLY that was written with new SH values.
-    pub marked: PathBuf,
+    /// The files that were written with new colours.
+    pub marked: Vec<PathBuf>,
     /// Files that were copied byte for byte.
     pub copied: Vec<PathBuf>,
     /// Entries that stayed behind: other folders, and files with unmarked splats.
@@ -64,58 +72,62 @@ pub struct Written {
 }
 
 impl Model {
-    /// Loads a 4DGaussians folder (its largest iteration) or a static PLY.
+    /// Loads a 4DGaussians folder (its largest iteration), a folder with a file of splats for each moment, or one such file.
     ///
     /// # Errors
     /// [`EngineError::MissingInput`] and [`EngineError::Io`] naming the file, [`EngineError::BadData`] naming file and
     /// field when a file is malformed or the files of a folder contradict each other.
     pub fn open(path: &Path) -> Result<Self, EngineError> {
-        let expected = "a 4DGaussians folder or an INRIA PLY file";
         match fs::metadata(path) {
+            Ok(metadata) if metadata.is_dir() && !path.join(POINT_CLOUD).exists() => Self::open_sequence(path),
             Ok(metadata) if metadata.is_dir() => Self::open_folder(path),
-            Ok(_) => Self::open_static(path),
+            Ok(_) => Ok(Self::of_file(SplatSource::open(path)?, BLACK)),
             Err(source) if source.kind() == std::io::ErrorKind::NotFound => {
-                Err(EngineError::MissingInput { path: path.to_path_buf(), expected: expected.to_owned() })
+                let expected = format!("a 4DGaussians folder, or splats as {KNOWN}");
+                Err(EngineError::MissingInput { path: path.to_path_buf(), expected })
             }
             Err(source) => Err(io_error(path, source)),
         }
     }
 
-    fn open_static(path: &Path) -> Result<Self, EngineError> {
-        Self::of_ply(PlyFile::open(path)?, BLACK)
-    }
-
     /// A static model that no file holds yet; `name` is what it is written as.
     ///
     /// # Errors
-    /// [`EngineError::BadData`] for splats that no file may hold, as ones that are not finite.
+    /// [`EngineError::BadData`] for splats that no file may hold, as when there are none.
     pub fn of_splats(name: &Path, gaussians: &Gaussians, background: [f32; 3]) -> Result<Self, EngineError> {
-        Self::of_ply(PlyFile::parse(name, encode(gaussians))?, background)
+        Ok(Self::of_file(SplatSource::parse(name, encode(gaussians))?, background))
     }
 
-    fn of_ply(ply: PlyFile, background: [f32; 3]) -> Result<Self, EngineError> {
-        Ok(Self {
-            gaussians: ply.decode()?,
-            deformation: None,
-            background,
-            warnings: Vec::new(),
-            ply,
-            layout: Layout::Static,
-        })
+    fn of_file(opened: Opened, background: [f32; 3]) -> Self {
+        let Opened { source, gaussians, trajectories, warnings } = opened;
+        let motion = trajectories.map_or(Motion::Still, Motion::Paths);
+        Self { gaussians, motion, background, warnings, sources: vec![source], layout: Layout::Static }
+    }
+
+    fn open_sequence(root: &Path) -> Result<Self, EngineError> {
+        let Take { moments, sources, warnings } = sequence::open(root)?;
+        let gaussians = moments[0].clone();
+        let motion = Motion::Sequence(moments);
+        let layout = Layout::Sequence { root: root.to_path_buf() };
+        Ok(Self { gaussians, motion, background: BLACK, warnings, sources, layout })
     }
 
     fn open_folder(root: &Path) -> Result<Self, EngineError> {
         let iteration = largest_iteration(root)?;
         let folder = root.join(&iteration);
-        let ply = PlyFile::open(&folder.join(PLY_NAME))?;
-        let gaussians = ply.decode()?;
+        let opened = SplatSource::open(&folder.join(PLY_NAME))?;
+        if opened.trajectories.is_some() {
+            let expected = "splats that a network moves; open this file on its own";
+            return Err(bad_data(&folder.join(PLY_NAME), "vertex", "splats on paths of their own", expected));
+        }
+        let Opened { source, gaussians, mut warnings, .. } = opened;
+        let rows = source.rows();
         let weights_path = folder.join(DEFORMATION);
         let expected = "the deformation network of a 4DGaussians folder (a static model is given as its .ply)";
         let bytes = read_file(&weights_path, expected)?;
         let PthContent::StateDict(tensors) = PthContent::parse(&weights_path, &bytes)? else {
             return Err(bad_data(&weights_path, "root", "a bare tensor", "a state dict"));
         };
-        let mut warnings = Vec::new();
         let cfg_path = root.join(CFG_ARGS);
         let config = if cfg_path.exists() {
             let config = DeformConfig::open(&cfg_path)?;
@@ -129,29 +141,107 @@ impl Model {
             ));
             DeformConfig { sh_degree: gaussians.sh_degree, ..derive_config(&weights_path, &tensors)? }
         };
-        check_training_tensor(&folder.join(TABLE), &[gaussians.len()])?;
-        check_training_tensor(&folder.join(ACCUM), &[gaussians.len(), 3])?;
+        check_training_tensor(&folder.join(TABLE), &[rows])?;
+        check_training_tensor(&folder.join(ACCUM), &[rows, 3])?;
         let background = if config.white_background { WHITE } else { BLACK };
         let deformation = DeformationWeights::from_state_dict(&weights_path, tensors, config)?;
         Ok(Self {
             gaussians,
-            deformation: Some(deformation),
+            motion: Motion::HexPlane(Box::new(deformation)),
             background,
             warnings,
-            ply,
+            sources: vec![source],
             layout: Layout::Folder { root: root.to_path_buf(), iteration },
         })
     }
 
-    /// The PLY file that holds the splats.
+    /// The files that hold the splats: one, or one for each moment of a sequence.
     #[must_use]
-    pub fn ply(&self) -> &PlyFile {
-        &self.ply
+    pub fn sources(&self) -> &[SplatSource] {
+        &self.sources
+    }
+
+    /// Whether the files hold plain colours instead of SH coefficients, so that an offset acts on RGB.
+    #[must_use]
+    pub fn is_rgb(&self) -> bool {
+        self.sources.iter().any(SplatSource::is_rgb)
+    }
+
+    /// Hash of the files that hold the splats: of the only one's bytes, or of the hashes of all.
+    #[must_use]
+    pub fn digest(&self) -> Digest {
+        digest_of(self.sources.iter().map(SplatSource::bytes))
+    }
+
+    /// The same hash of the files with other colours.
+    ///
+    /// # Shapes
+    /// in `words` as [`Model::words`]
+    #[must_use]
+    pub fn digest_with(&self, words: &[u32]) -> Digest {
+        let files = self.with_words(words);
+        digest_of(files.iter().map(Vec::as_slice))
+    }
+
+    /// The words that hold the colours of all files, one file behind the other.
+    ///
+    /// # Errors
+    /// Those of [`SplatSource::words`].
+    pub fn words(&self) -> Result<Vec<u32>, EngineError> {
+        let words: Result<Vec<_>, _> = self.sources.iter().map(SplatSource::words).collect();
+        Ok(words?.concat())
+    }
+
+    /// The words for other coefficients; what the moments of a sequence change by is the same for all.
+    ///
+    /// # Shapes
+    /// in `sh_coeffs` \[N,16,3\] coefficient-major
+    ///
+    /// # Errors
+    /// Those of [`SplatSource::words_of`].
+    pub fn words_of(&self, sh_coeffs: &[f32]) -> Result<Vec<u32>, EngineError> {
+        let mut words = self.sources[0].words_of(sh_coeffs)?;
+        if let Motion::Sequence(moments) = &self.motion {
+            for (source, moment) in self.sources.iter().zip(moments).skip(1) {
+                let first = sh_coeffs.iter().zip(&self.gaussians.sh_coeffs);
+                let shifted: Vec<f32> =
+                    first.zip(&moment.sh_coeffs).map(|((new, old), own)| own + (new - old)).collect();
+                words.extend(source.words_of(&shifted)?);
+            }
+        }
+        Ok(words)
+    }
+
+    /// The coefficients as a copy of the model will hold them: the same, unless its format keeps colours coarsely.
+    ///
+    /// # Shapes
+    /// `sh_coeffs`, out \[N,16,3\] coefficient-major
+    ///
+    /// # Errors
+    /// Those of [`SplatSource::words_of`].
+    pub fn as_stored(&self, sh_coeffs: &[f32]) -> Result<Vec<f32>, EngineError> {
+        let source = &self.sources[0];
+        Ok(source.coeffs_of(&source.words_of(sh_coeffs)?))
+    }
+
+    /// The files with other colours, in the order of [`Model::sources`].
+    ///
+    /// # Shapes
+    /// in `words` as [`Model::words`]
+    #[must_use]
+    pub fn with_words(&self, words: &[u32]) -> Vec<Vec<u8>> {
+        let mut rest = words;
+        let copy = |source: &SplatSource| {
+            let (own, others) = rest.split_at(rest.len().min(source.num_words()));
+            rest = others;
+            source.with_words(own)
+        };
+        self.sources.iter().map(copy).collect()
     }
 
     /// Writes a copy of the model with other SH coefficients into the folder `out_dir`, which may exist.
     ///
-    /// The layout is kept and the PLY changes only in its `f_dc_*` and `f_rest_*` bytes. Files beside it and beside
+    /// The layout is kept and files with splats change only in the bytes of their colours. Files beside them and beside
     /// `cfg_args` are copied byte for byte, except those that hold splats themselves (other PLYs, checkpoints, other
     /// iterations): they are unmarked, and whoever receives the copy must not find them in it.
     ///
@@ -159,18 +249,27 @@ impl Model {
     /// in `sh_coeffs` \[N,16,3\] coefficient-major
     ///
     /// # Errors
-    /// Those of [`PlyFile::with_sh`]; [`EngineError::Io`] naming the file that could not be read or written.
+    /// Those of [`SplatSource::words_of`]; [`EngineError::Io`] naming the file that could not be read or written.
     pub fn write_marked(&self, out_dir: &Path, sh_coeffs: &[f32]) -> Result<Written, EngineError> {
-        let marked = self.ply.with_sh(sh_coeffs)?;
+        self.write(out_dir, &self.words_of(sh_coeffs)?)
+    }
+
+    /// Writes a copy of the model with other words for its colours, as [`Model::write_marked`] does.
+    ///
+    /// # Errors
+    /// [`EngineError::Io`] naming the file that could not be read or written.
+    pub fn write(&self, out_dir: &Path, words: &[u32]) -> Result<Written, EngineError> {
         let mut written = Written::default();
+        let name = |source: &SplatSource| source.path().file_name().map_or_else(|| PLY_NAME.into(), PathBuf::from);
+        create_dir(out_dir)?;
         match &self.layout {
-            Layout::Static => {
-                let name = self.ply.path().file_name();
-                written.marked = name.map_or_else(|| PLY_NAME.into(), PathBuf::from);
-                create_dir(out_dir)?;
+            Layout::Static => written.marked = self.sources.iter().map(name).collect(),
+            Layout::Sequence { root } => {
+                written.marked = self.sources.iter().map(name).collect();
+                copy_files(root, Path::new(""), out_dir, &mut written)?;
             }
             Layout::Folder { root, iteration } => {
-                written.marked = iteration.join(PLY_NAME);
+                written.marked = vec![iteration.join(PLY_NAME)];
                 for folder in [Path::new(""), Path::new(POINT_CLOUD), iteration] {
                     create_dir(&out_dir.join(folder))?;
                     copy_files(root, folder, out_dir, &mut written)?;
@@ -178,9 +277,19 @@ impl Model {
                 written.left_out.sort();
             }
         }
-        let path = out_dir.join(&written.marked);
-        fs::write(&path, marked).map_err(|source| io_error(&path, source))?;
+        for (relative, bytes) in written.marked.iter().zip(self.with_words(words)) {
+            let path = out_dir.join(relative);
+            fs::write(&path, bytes).map_err(|source| io_error(&path, source))?;
+        }
         Ok(written)
+    }
+}
+
+fn digest_of<'a>(files: impl Iterator<Item = &'a [u8]>) -> Digest {
+    let mut hashes: Vec<Digest> = files.map(Digest::of).collect();
+    match hashes.len() {
+        1 => hashes.remove(0),
+        _ => Digest::of(hashes.iter().map(Digest::to_string).collect::<String>().as_bytes()),
     }
 }
 
@@ -194,7 +303,7 @@ fn create_dir(path: &Path) -> Result<(), EngineError> {
 }
 
 /// Names of a folder's entries, sorted.
-fn list(folder: &Path) -> Result<Vec<PathBuf>, EngineError> {
+pub(super) fn list(folder: &Path) -> Result<Vec<PathBuf>, EngineError> {
     let entries = fs::read_dir(folder).map_err(|source| io_error(folder, source))?;
     let names = entries.map(|entry| entry.map(|entry| PathBuf::from(entry.file_name())));
     let mut names: Vec<PathBuf> = names.collect::<Result<_, _>>().map_err(|source| io_error(folder, source))?;
@@ -242,18 +351,20 @@ fn check_training_tensor(path: &Path, shape: &[usize]) -> Result<(), EngineError
     }
 }
 
+pub(super) fn has_splat_extension(name: &Path) -> bool {
+    let extension = name.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    extension.is_some_and(|extension| SPLAT_EXTENSIONS.contains(&extension.as_str()))
+}
+
 fn holds_splats(name: &Path) -> bool {
-    let extension = name.extension().map(|e| e.to_ascii_lowercase());
-    let extension = extension.as_ref().and_then(|e| e.to_str());
-    extension.is_some_and(|extension| SPLAT_EXTENSIONS.contains(&extension))
-        || name.to_string_lossy().starts_with(CHECKPOINT)
+    has_splat_extension(name) || name.to_string_lossy().starts_with(CHECKPOINT)
 }
 
 /// Copies the regular files of `root/folder` that hold no splats.
 fn copy_files(root: &Path, folder: &Path, out_dir: &Path, written: &mut Written) -> Result<(), EngineError> {
     for name in list(&root.join(folder))? {
         let relative = folder.join(&name);
-        if relative == written.marked || written.marked.starts_with(&relative) {
+        if written.marked.iter().any(|marked| marked.starts_with(&relative)) {
             continue;
         }
         let source = root.join(&relative);

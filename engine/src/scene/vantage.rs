@@ -24,11 +24,11 @@ impl Vantage {
     /// What D-NeRF scenes, and models trained on their kind, are made for.
     pub const D_NERF: Self = Self { target: DVec3::ZERO, radius: 4.0 };
 
-    /// What suits a model: [`Self::D_NERF`] for one that moves, which was trained on scenes of that kind, and
-    /// [`Self::around`] for a static capture, which can lie anywhere.
+    /// What suits a model: [`Self::D_NERF`] for one with a deformation network, which was trained on scenes of that kind,
+    /// and [`Self::around`] for any other capture, which can lie anywhere.
     #[must_use]
     pub fn of(model: &Model, fov_x_rad: f64) -> Self {
-        if model.deformation.is_some() { Self::D_NERF } else { Self::around(&model.gaussians, fov_x_rad) }
+        if model.motion.network().is_some() { Self::D_NERF } else { Self::around(&model.gaussians, fov_x_rad) }
     }
 
     /// So far from the middle of the splats that they fill the frame of a lens with this field of view (rad). The middle is

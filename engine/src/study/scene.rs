@@ -11,7 +11,7 @@ use crate::error::EngineError;
 use crate::media::Frame;
 use crate::scene::camera_paths::{Lens, Orbit};
 use crate::scene::gaussians::{CHANNELS, SH_FLOATS, Y0};
-use crate::scene::{CameraSet, ImageSize, Model, Vantage};
+use crate::scene::{CameraSet, ImageSize, Model, Motion, Vantage};
 use crate::watermark::embed::EmbedConfig;
 use crate::watermark::verify::clean_clips;
 
@@ -108,12 +108,12 @@ impl Variant {
             }
             Self::Splats(count) => resample(model, count),
             Self::Motion(factor) => {
-                if let Some(network) = &mut model.deformation {
+                if let Motion::HexPlane(network) = &mut model.motion {
                     let out = &mut network.pos_deform.out;
                     out.weight.iter_mut().chain(&mut out.bias).for_each(|w| *w *= factor);
                 }
             }
-            Self::Still => model.deformation = None,
+            Self::Still => model.motion = Motion::Still,
         }
     }
 }
@@ -236,8 +236,8 @@ mod tests {
         let many = with(Variant::Splats(2 * model.gaussians.len() + 1)).gaussians;
         assert_eq!(many.means.len(), many.sh_coeffs.len() / SH_FLOATS, "rows belong together");
         assert!(many.opacities.iter().zip(&model.gaussians.opacities).all(|(m, o)| m < o), "copies are fainter");
-        assert!(with(Variant::Still).deformation.is_none(), "no motion");
+        assert!(with(Variant::Still).motion.is_still(), "no motion");
         assert!(with(Variant::White).gaussians.sh_coeffs.iter().all(|v| *v >= 0.0), "bright");
-        assert_ne!(with(Variant::Motion(4.0)).deformation, model.deformation, "another motion");
+        assert_ne!(with(Variant::Motion(4.0)).motion.network(), model.motion.network(), "another motion");
     }
 }

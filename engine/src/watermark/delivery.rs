@@ -55,7 +55,9 @@ pub struct Delivery<'a> {
 pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result<(Evaluation, HeldOut), EngineError> {
     let Delivery { subject, config, embedded, input, .. } = delivery;
     let device = subject.device;
-    let held_out = HeldOut::shoot(device, subject.model, &embedded.sh_coeffs, cameras)?;
+    // What is measured is what is handed out, also where its format keeps colours coarsely.
+    let stored = subject.model.as_stored(&embedded.sh_coeffs)?;
+    let held_out = HeldOut::shoot(device, subject.model, &stored, cameras)?;
     let mut evaluation = held_out.evaluate(device, subject.clip, subject.key, &embedded.extractor, subject.message)?;
     if let Some(id_bits) = delivery.payload {
         evaluation.count_ids(id_bits, &subject.key.prf(), subject.message)?;
@@ -63,25 +65,29 @@ pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result
     if let Some(term) = &config.lpips {
         evaluation.lpips = Some(held_out.lpips(&Lpips::new(device, &term.weights, term.input)?)?);
     }
-    let written = subject.model.write_marked(&out.join(MARKED), &embedded.sh_coeffs)?;
+    let written = subject.model.write_marked(&out.join(MARKED), &stored)?;
     let private = out.join(PRIVATE);
     std::fs::create_dir_all(&private).map_err(|source| EngineError::Io { path: private.clone(), source })?;
     embedded.extractor.write(&private.join(EXTRACTOR), subject.key, Existing::Refuse)?;
-    undo::write(&private.join(UNDO), subject.model, &embedded.sh_coeffs)?;
+    undo::write(&private.join(UNDO), subject.model, &stored)?;
     if let Some(clip) = held_out.marked.first() {
         write_png_folder(&out.join("preview"), clip)?;
     }
-    let marked = written.marked.to_string_lossy().replace('\\', "/");
-    let original = FileRecord { path: marked.clone(), blake3: Digest::of(subject.model.ply().bytes()) };
+    let names: Vec<String> = written.marked.iter().map(|path| path.to_string_lossy().replace('\\', "/")).collect();
+    let originals = names.iter().zip(subject.model.sources());
+    let originals =
+        originals.map(|(path, source)| FileRecord { path: path.clone(), blake3: Digest::of(source.bytes()) });
+    let outputs = names.iter().map(|path| FileRecord::of(&out.join(MARKED), path)).collect::<Result<_, _>>()?;
     let info = device.info();
     let body = ReceiptBody {
         tool: Tool::current(),
         promise: promise(delivery)?,
-        inputs: vec![original],
-        outputs: vec![FileRecord::of(&out.join(MARKED), &marked)?],
+        inputs: originals.collect(),
+        outputs,
         settings: serde_json::json!({
             "input": input.file_name().map(|n| n.to_string_lossy()),
             "embed": to_value(config).unwrap_or_default(),
+            "offset_on": if subject.model.is_rgb() { "RGB" } else { "SH" },
             "precision": subject.clip.precision().name(),
             "steps_taken": embedded.steps,
             "rungs": to_value(&embedded.rungs).unwrap_or_default(),

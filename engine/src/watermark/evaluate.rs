@@ -310,7 +310,7 @@ fn film(
     clips: &[Vec<(Camera, f32)>],
 ) -> Result<Vec<Shot>, EngineError> {
     let mut shots = Vec::new();
-    let mut film = Film::new(device, gaussians, model.deformation.as_ref(), model.background)?;
+    let mut film = Film::new(device, gaussians, &model.motion, model.background)?;
     film.shoot(clips, |number, camera, pixels| {
         shots.push((number, camera.width, camera.height, pixels.to_vec()));
         Ok(())

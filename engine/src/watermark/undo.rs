@@ -1,29 +1,29 @@
 //! Taking a mark out again, to the original's bytes.
 //!
-//! Float addition cannot be undone exactly, so the private file holds the exclusive or of the stored words.
+//! Float addition cannot be undone exactly, so the private file holds the exclusive or of the words that colours are
+//! stored as.
 
 use std::path::Path;
 
-use super::digest::Digest;
 use crate::error::EngineError;
 use crate::output::{AtomicDir, Existing};
 use crate::scene::Model;
 use crate::tensor_file::{Tensor, TensorFile};
 
 /// `format` entry of an undo file.
-const FORMAT: &str = "guard4d.undo/1";
+const FORMAT: &str = "guard4d.undo/2";
 
 /// Writes what turns `marked` coefficients back into the model's own.
 ///
 /// # Errors
-/// [`EngineError::Io`] naming the file.
+/// [`EngineError::Io`] naming the file; those of [`Model::words_of`].
 pub fn write(path: &Path, model: &Model, marked: &[f32]) -> Result<(), EngineError> {
-    let clean = &model.gaussians.sh_coeffs;
-    let words = clean.iter().zip(marked).map(|(h, m)| h.to_bits() ^ m.to_bits()).collect();
+    let clean = model.words()?;
+    let words: Vec<u32> = clean.iter().zip(model.words_of(marked)?).map(|(clean, marked)| clean ^ marked).collect();
     let mut file = TensorFile { path: path.to_owned(), ..TensorFile::default() };
     file.meta.insert("format".to_owned(), FORMAT.to_owned());
-    file.meta.insert("original".to_owned(), Digest::of(model.ply().bytes()).to_string());
-    file.tensors.insert("words".to_owned(), Tensor::u32(&[clean.len()], words));
+    file.meta.insert("original".to_owned(), model.digest().to_string());
+    file.tensors.insert("words".to_owned(), Tensor::u32(&[words.len()], words));
     crate::output::AtomicFile::write(path, Existing::Refuse, &file.to_bytes()?)
 }
 
@@ -43,18 +43,15 @@ pub fn restore(model: &Path, undo: &Path, out: &Path, existing: Existing) -> Res
         return Err(bad("format", file.text("format")?.to_owned(), FORMAT.to_owned()));
     }
     let marked = Model::open(model)?;
-    let words = file.integers("words", &[marked.gaussians.sh_coeffs.len()])?;
-    let restored: Vec<f32> =
-        marked.gaussians.sh_coeffs.iter().zip(words).map(|(m, word)| f32::from_bits(m.to_bits() ^ word)).collect();
+    let stored = marked.words()?;
+    let words = file.integers("words", &[stored.len()])?;
+    let restored: Vec<u32> = stored.iter().zip(words).map(|(stored, word)| stored ^ word).collect();
     let expected = file.text("original")?.to_owned();
-    let not_ours = |got: String| bad("original", got, format!("a model whose original hashes to {expected}"));
-    // Words of another model can make non-finite coefficients, which the PLY writer refuses.
-    let ply = marked.ply().with_sh(&restored).map_err(|e| not_ours(e.to_string()))?;
-    let got = Digest::of(&ply).to_string();
+    let got = marked.digest_with(&restored).to_string();
     if got != expected {
-        return Err(not_ours(got));
+        return Err(bad("original", got, format!("a model whose original hashes to {expected}")));
     }
     let folder = AtomicDir::create(out, existing)?;
-    marked.write_marked(folder.path(), &restored)?;
+    marked.write(folder.path(), &restored)?;
     folder.commit()
 }

@@ -438,7 +438,7 @@ fn bad(path: &Path, field: &str, got: String, expected: String) -> EngineError {
 pub fn clean_clips(device: &Device, model: &Model, cameras: &CameraSet) -> Result<Vec<Vec<Frame>>, EngineError> {
     let shots = cameras.clips();
     let mut clips = vec![Vec::new(); shots.len()];
-    let mut film = Film::new(device, &model.gaussians, model.deformation.as_ref(), model.background)?;
+    let mut film = Film::new(device, &model.gaussians, &model.motion, model.background)?;
     film.shoot(&shots, |number, camera, pixels| {
         clips[number].push(Frame::from_rgba32f(camera.width, camera.height, pixels)?);
         Ok(())

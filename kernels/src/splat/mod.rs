@@ -7,6 +7,7 @@ pub mod project;
 pub mod rasterize;
 pub mod sh;
 pub mod tile_bin;
+pub mod trajectory;
 
 use crate::shape::OffsetBases;
 

@@ -8,3 +8,4 @@ mod rasterize;
 mod scene;
 mod sh;
 mod tile_bin;
+mod trajectory;

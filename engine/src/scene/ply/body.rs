@@ -33,16 +33,35 @@ impl<'a> Body<'a> {
         Ok(Self::Binary { records: &bytes[start_of(header, index)..], element, encoding: header.encoding })
     }
 
-    /// Value of a float property; integers, which no splat property has, read as 0.
-    pub(super) fn value(&self, row: usize, property: usize) -> f32 {
+    /// The values of row `row`.
+    pub(super) fn record(&self, row: usize) -> Record<'_> {
         match self {
-            Self::Parsed { values, columns } => values[row * columns + property],
+            Self::Parsed { values, columns } => Record::Parsed(&values[row * columns..(row + 1) * columns]),
             Self::Binary { records, element, encoding } => {
+                let bytes = &records[row * element.stride..(row + 1) * element.stride];
+                Record::Binary { bytes, element, encoding: *encoding }
+            }
+        }
+    }
+}
+
+/// The values of one splat.
+pub(super) enum Record<'a> {
+    Binary { bytes: &'a [u8], element: &'a Element, encoding: Encoding },
+    Parsed(&'a [f32]),
+}
+
+impl Record<'_> {
+    /// Value of a float property; integers, which no splat property has, read as 0.
+    pub(super) fn value(&self, property: usize) -> f32 {
+        match self {
+            Self::Parsed(values) => values[property],
+            Self::Binary { bytes, element, encoding } => {
                 let property = &element.properties[property];
-                let record = &records[row * element.stride + property.offset..];
+                let bytes = &bytes[property.offset..];
                 match property.scalar {
-                    Scalar::F32 => read_f32(record, *encoding),
-                    Scalar::F64 => narrow(read_f64(record, *encoding)),
+                    Scalar::F32 => read_f32(bytes, *encoding),
+                    Scalar::F64 => narrow(read_f64(bytes, *encoding)),
                     _ => 0.0,
                 }
             }

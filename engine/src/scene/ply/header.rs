@@ -85,6 +85,8 @@ impl Element {
 pub(super) struct Header {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
+    /// What `comment` and `obj_info` lines say.
+    pub(super) comments: Vec<String>,
     /// Offset of the first byte after `end_header` and its line end.
     pub(super) body_start: usize,
 }
@@ -101,12 +103,14 @@ impl Header {
         }
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
+        let mut comments = Vec::new();
         for number in 2.. {
             let line = lines.next_line(path)?;
             let field = || format!("header line {number}");
             let words: Vec<&str> = line.split_ascii_whitespace().collect();
             match words.as_slice() {
-                ["comment" | "obj_info", ..] | [] => {}
+                ["comment" | "obj_info", said @ ..] => comments.push(said.join(" ")),
+                [] => {}
                 ["end_header"] => break,
                 ["format", name, "1.0"] if encoding.is_none() => {
                     encoding = Some(parse_encoding(name).ok_or_else(|| {
@@ -130,7 +134,7 @@ impl Header {
             }
         }
         let encoding = encoding.ok_or_else(|| bad_data(path, "header", "no `format` line", "`format … 1.0`"))?;
-        Ok(Self { encoding, elements, body_start: lines.at })
+        Ok(Self { encoding, elements, comments, body_start: lines.at })
     }
 }
 

@@ -3,14 +3,21 @@
 use std::path::{Path, PathBuf};
 
 use crate::error::EngineError;
-use crate::scene::gaussians::{CHANNELS, Gaussians, MAX_SH_DEGREE, SH_FLOATS, sh_bases};
-use crate::scene::{bad_data, read_file};
+use crate::scene::formats::dc_of_colour;
+use crate::scene::gaussians::{CHANNELS, Gaussians, MAX_SH_DEGREE, SH_FLOATS, Y0, check_coeffs, sh_bases};
+use crate::scene::limits::check_splats;
+use crate::scene::trajectories::Trajectories;
+use crate::scene::{bad_data, narrow, read_file};
 
 mod body;
+mod compressed;
 mod header;
+mod paths;
 
 use body::Body;
+pub(super) use compressed::{decode_compressed, is_compressed};
 use header::{Element, Encoding, Header, Scalar};
+use paths::PathLayout;
 
 /// Name of the element that holds the splats.
 const VERTEX: &str = "vertex";
@@ -35,6 +42,8 @@ struct Layout {
     /// Indexed like one splat of [`Gaussians::sh_coeffs`]; `None` above the stored degree.
     sh_coeffs: [Option<usize>; SH_FLOATS],
     sh_degree: u32,
+    /// Of splats on paths, whose `f_dc_*` are plain colours.
+    paths: Option<PathLayout>,
 }
 
 impl PlyFile {
@@ -56,6 +65,10 @@ impl PlyFile {
         if header.encoding != Encoding::Ascii {
             body::check_length(path, &header, bytes.len())?;
         }
+        // In text, a value takes a digit and a blank at least.
+        let element = &header.elements[layout.vertex];
+        let row_bytes = if header.encoding == Encoding::Ascii { 2 * element.properties.len() } else { element.stride };
+        check_splats(path, "element `vertex`", element.count, row_bytes, bytes.len())?;
         Ok(Self { path: path.to_path_buf(), bytes, header, layout })
     }
 
@@ -77,45 +90,73 @@ impl PlyFile {
         &self.bytes
     }
 
+    /// Comments of the head, line by line.
+    #[must_use]
+    pub fn comments(&self) -> &[String] {
+        &self.header.comments
+    }
+
     /// Where the bytes came from.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Decodes the splats.
+    /// Whether colours are plain RGB instead of SH coefficients.
+    #[must_use]
+    pub fn is_rgb(&self) -> bool {
+        self.layout.paths.is_some()
+    }
+
+    /// Decodes the splats, those with values that are not finite among them.
     ///
     /// # Errors
-    /// [`EngineError::BadData`] for a value that is NaN or infinite as f32, naming the first splat, its
-    /// property and how many splats hold such values; for ASCII bodies also on malformed numbers.
+    /// [`EngineError::BadData`] for ASCII bodies with malformed numbers.
     pub fn decode(&self) -> Result<Gaussians, EngineError> {
         let body = Body::new(&self.path, &self.header, self.layout.vertex, &self.bytes)?;
-        self.check_finite(&body)?;
         let count = self.len();
         let mut gaussians = Gaussians {
             means: Vec::with_capacity(count),
             quats: Vec::with_capacity(count),
             scales: Vec::with_capacity(count),
             opacities: Vec::with_capacity(count),
-            sh_coeffs: Vec::with_capacity(count * SH_FLOATS),
+            sh_coeffs: vec![0.0; count * SH_FLOATS],
             sh_degree: self.layout.sh_degree,
         };
-        for row in 0..count {
-            let value = |property| body.value(row, property);
+        let stored = &self.layout.sh_coeffs[..sh_bases(self.layout.sh_degree) * CHANNELS];
+        for (row, splat) in gaussians.sh_coeffs.chunks_exact_mut(SH_FLOATS).enumerate() {
+            let record = body.record(row);
+            let value = |property| record.value(property);
             gaussians.means.push(self.layout.means.map(value));
             gaussians.quats.push(self.layout.quats.map(value));
             gaussians.scales.push(self.layout.scales.map(value));
             gaussians.opacities.push(value(self.layout.opacity));
-            let coeffs = self.layout.sh_coeffs.iter();
-            gaussians.sh_coeffs.extend(coeffs.map(|property| property.map_or(0.0, value)));
+            for (coeff, property) in splat.iter_mut().zip(stored.iter().flatten()) {
+                *coeff = value(*property);
+            }
+        }
+        if self.is_rgb() {
+            let splats = gaussians.sh_coeffs.chunks_exact_mut(SH_FLOATS);
+            splats.flat_map(|splat| &mut splat[..CHANNELS]).for_each(|value| *value = dc_of_colour(*value));
         }
         Ok(gaussians)
     }
 
-    /// The file with its SH values replaced; every byte outside `f_dc_*` and `f_rest_*` stays as read.
+    /// How the splats move, in files of splats on paths.
+    ///
+    /// # Errors
+    /// As [`PlyFile::decode`].
+    pub fn trajectories(&self) -> Result<Option<Trajectories>, EngineError> {
+        let Some(paths) = &self.layout.paths else { return Ok(None) };
+        let body = Body::new(&self.path, &self.header, self.layout.vertex, &self.bytes)?;
+        Ok(Some(paths.decode(&body, self.len())))
+    }
+
+    /// The file with the SH values of the splats `rows`, or of all, replaced; every byte outside `f_dc_*` and `f_rest_*`
+    /// stays as read.
     ///
     /// # Shapes
-    /// in `sh_coeffs` \[N,16,3\] coefficient-major, finite, zero above the stored degree
+    /// in `sh_coeffs` \[rows,16,3\] coefficient-major, finite, zero above the stored degree
     ///
     /// # Errors
     /// [`EngineError::Usage`] if `sh_coeffs` does not fit the splats; [`EngineError::BadData`] if the file is
@@ -123,87 +164,105 @@ impl PlyFile {
     ///
     /// # Determinism
     /// bitwise; the values that [`PlyFile::decode`] returned give back the same bytes
-    pub fn with_sh(&self, sh_coeffs: &[f32]) -> Result<Vec<u8>, EngineError> {
-        self.check_writable()?;
-        self.check_new_sh(sh_coeffs)?;
+    pub fn with_sh(&self, rows: Option<&[u32]>, sh_coeffs: &[f32]) -> Result<Vec<u8>, EngineError> {
+        Ok(self.with_words(rows, &self.words_of(rows, sh_coeffs)?))
+    }
+
+    /// The stored words of all colours of the splats `rows`, or of all.
+    ///
+    /// # Errors
+    /// As [`PlyFile::with_sh`] for files that cannot be written.
+    pub fn words(&self, rows: Option<&[u32]>) -> Result<Vec<u32>, EngineError> {
+        let places = self.colour_places()?;
         let start = body::start_of(&self.header, self.layout.vertex);
-        let vertex = self.vertex();
-        let mut bytes = self.bytes.clone();
-        let records = bytes[start..].chunks_exact_mut(vertex.stride);
-        for (record, splat) in records.zip(sh_coeffs.chunks_exact(SH_FLOATS)) {
-            for (value, property) in splat.iter().zip(&self.layout.sh_coeffs) {
-                let Some(property) = *property else { continue };
-                let offset = vertex.properties[property].offset;
-                let stored = match self.header.encoding {
-                    Encoding::BigEndian => value.to_be_bytes(),
-                    Encoding::LittleEndian | Encoding::Ascii => value.to_le_bytes(),
-                };
-                record[offset..offset + stored.len()].copy_from_slice(&stored);
+        let stride = self.vertex().stride;
+        let count = rows.map_or(self.len(), <[u32]>::len);
+        let word = |(index, place): (usize, usize)| {
+            let row = rows.map_or(index, |rows| rows[index] as usize);
+            let bytes =
+                *self.bytes[start + stride * row + place..].first_chunk().expect("the body's length was checked");
+            if self.is_big_endian() { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) }
+        };
+        Ok((0..count).flat_map(|index| places.iter().map(move |place| (index, *place))).map(word).collect())
+    }
+
+    /// The words that coefficients are stored as. A plain colour stays as it is where the coefficient is the one that it
+    /// was read as: the way there and back rounds.
+    ///
+    /// # Errors
+    /// As [`PlyFile::with_sh`].
+    pub fn words_of(&self, rows: Option<&[u32]>, sh_coeffs: &[f32]) -> Result<Vec<u32>, EngineError> {
+        let stored = self.words(rows)?;
+        check_coeffs(rows.map_or(self.len(), <[u32]>::len), self.layout.sh_degree, sh_coeffs)?;
+        let floats = sh_bases(self.layout.sh_degree) * CHANNELS;
+        let coeffs = sh_coeffs.chunks_exact(SH_FLOATS).flat_map(|splat| &splat[..floats]);
+        Ok(coeffs.zip(stored).map(|(coeff, word)| self.word_of(*coeff, word)).collect())
+    }
+
+    fn word_of(&self, coeff: f32, stored: u32) -> u32 {
+        match self.is_rgb() {
+            false => coeff.to_bits(),
+            true if dc_of_colour(f32::from_bits(stored)) == coeff => stored,
+            true => narrow(0.5 + Y0 * f64::from(coeff)).to_bits(),
+        }
+    }
+
+    /// The coefficients `[rows,16,3]` that words are read as.
+    #[must_use]
+    pub fn coeffs_of(&self, words: &[u32]) -> Vec<f32> {
+        let floats = sh_bases(self.layout.sh_degree) * CHANNELS;
+        let mut coeffs = vec![0.0; words.len() / floats * SH_FLOATS];
+        for (splat, words) in coeffs.chunks_exact_mut(SH_FLOATS).zip(words.chunks_exact(floats)) {
+            for (coeff, word) in splat.iter_mut().zip(words) {
+                let value = f32::from_bits(*word);
+                *coeff = if self.is_rgb() { dc_of_colour(value) } else { value };
             }
         }
-        Ok(bytes)
+        coeffs
     }
 
-    fn vertex(&self) -> &Element {
-        &self.header.elements[self.layout.vertex]
+    /// The file with other words in the places of [`PlyFile::words`].
+    ///
+    /// # Panics
+    /// For a file whose words cannot be read.
+    #[must_use]
+    pub fn with_words(&self, rows: Option<&[u32]>, words: &[u32]) -> Vec<u8> {
+        let places = self.colour_places().expect("words come from a file that can be written");
+        let start = body::start_of(&self.header, self.layout.vertex);
+        let stride = self.vertex().stride;
+        let mut bytes = self.bytes.clone();
+        for (index, splat) in words.chunks_exact(places.len()).enumerate() {
+            let row = rows.map_or(index, |rows| rows[index] as usize);
+            for (word, place) in splat.iter().zip(&places) {
+                let stored = if self.is_big_endian() { word.to_be_bytes() } else { word.to_le_bytes() };
+                bytes[start + stride * row + place..][..stored.len()].copy_from_slice(&stored);
+            }
+        }
+        bytes
     }
 
-    /// Refuses NaN and infinities in any property that a splat is made of.
-    fn check_finite(&self, body: &Body<'_>) -> Result<(), EngineError> {
-        let used: Vec<usize> = self.layout.properties().collect();
-        let offender = |row: usize| {
-            let mut properties = used.iter().copied();
-            properties.find(|&property| !body.value(row, property).is_finite())
-        };
-        let mut rows = (0..self.len()).filter_map(|row| Some((row, offender(row)?)));
-        let Some((row, property)) = rows.next() else {
-            return Ok(());
-        };
-        let count = 1 + rows.count();
-        let field = format!("splat {row}, `{}`", self.vertex().properties[property].name);
-        let value = body.value(row, property);
-        let got = format!("{value} ({count} of {} splats hold such values)", self.len());
-        Err(bad_data(&self.path, field, got, "finite values"))
+    fn is_big_endian(&self) -> bool {
+        self.header.encoding == Encoding::BigEndian
     }
 
-    fn check_writable(&self) -> Result<(), EngineError> {
+    /// Offsets of the colours in a record, coefficient by coefficient.
+    fn colour_places(&self) -> Result<Vec<usize>, EngineError> {
         let expected = "a binary PLY with float SH properties, whose values can be replaced in place";
         if self.header.encoding == Encoding::Ascii {
             return Err(bad_data(&self.path, "format", "ascii", expected));
         }
-        for property in self.layout.sh_coeffs.iter().flatten() {
+        let places = self.layout.sh_coeffs.iter().flatten().map(|property| {
             let property = &self.vertex().properties[*property];
-            if property.scalar != Scalar::F32 {
-                let field = format!("property `{}`", property.name);
-                return Err(bad_data(&self.path, field, "double", expected));
+            match property.scalar {
+                Scalar::F32 => Ok(property.offset),
+                _ => Err(bad_data(&self.path, format!("property `{}`", property.name), "double", expected)),
             }
-        }
-        Ok(())
+        });
+        places.collect()
     }
 
-    fn check_new_sh(&self, sh_coeffs: &[f32]) -> Result<(), EngineError> {
-        let usage = |got: String, expected: String| EngineError::Usage {
-            what: "new SH coefficients".to_owned(),
-            got,
-            expected,
-        };
-        let expected = self.len() * SH_FLOATS;
-        if sh_coeffs.len() != expected {
-            return Err(usage(format!("{} values", sh_coeffs.len()), format!("{expected} ({} splats)", self.len())));
-        }
-        let stored = sh_bases(self.layout.sh_degree) * CHANNELS;
-        for (row, splat) in sh_coeffs.chunks_exact(SH_FLOATS).enumerate() {
-            if let Some(value) = splat.iter().find(|value| !value.is_finite()) {
-                return Err(usage(format!("{value} at splat {row}"), "finite values".to_owned()));
-            }
-            if splat[stored..].iter().any(|&value| value != 0.0) {
-                return Err(usage(
-                    format!("values above degree {} at splat {row}", self.layout.sh_degree),
-                    "zeros, because the file has no place for them".to_owned(),
-                ));
-            }
-        }
-        Ok(())
+    fn vertex(&self) -> &Element {
+        &self.header.elements[self.layout.vertex]
     }
 }
 
@@ -217,6 +276,7 @@ impl Layout {
         }
         let property = |name: &str| find_float(path, element, name);
         let (sh_coeffs, sh_degree) = find_sh(path, element)?;
+        let paths = PathLayout::find(path, element)?;
         Ok(Self {
             vertex,
             means: [property("x")?, property("y")?, property("z")?],
@@ -225,13 +285,8 @@ impl Layout {
             opacity: property("opacity")?,
             sh_coeffs,
             sh_degree,
+            paths,
         })
-    }
-
-    /// Indices of all properties that are read.
-    fn properties(&self) -> impl Iterator<Item = usize> {
-        let geometry = self.means.into_iter().chain(self.quats).chain(self.scales);
-        geometry.chain([self.opacity]).chain(self.sh_coeffs.into_iter().flatten())
     }
 }
 
@@ -246,14 +301,17 @@ fn find_float(path: &Path, element: &Element, name: &str) -> Result<usize, Engin
     }
 }
 
+/// The SH degree that the number of `f_rest_*` properties tells.
+fn degree_of(path: &Path, element: &Element) -> Result<u32, EngineError> {
+    let rest = element.properties.iter().filter(|p| p.name.starts_with("f_rest_")).count();
+    (0..=MAX_SH_DEGREE)
+        .find(|&degree| (sh_bases(degree) - 1) * CHANNELS == rest)
+        .ok_or_else(|| bad_data(path, "properties `f_rest_*`", format!("{rest} properties"), "0, 9, 24 or 45"))
+}
+
 /// Maps the channel-major `f_dc_*`, `f_rest_*` to coefficient-major places, and tells the degree.
 fn find_sh(path: &Path, element: &Element) -> Result<([Option<usize>; SH_FLOATS], u32), EngineError> {
-    let names = element.properties.iter();
-    let rest = names.filter(|p| p.name.starts_with("f_rest_")).count();
-    let degree = (0..=MAX_SH_DEGREE).find(|&degree| (sh_bases(degree) - 1) * CHANNELS == rest).ok_or_else(|| {
-        let got = format!("{rest} properties");
-        bad_data(path, "properties `f_rest_*`", got, "0, 9, 24 or 45")
-    })?;
+    let degree = degree_of(path, element)?;
     let per_channel = sh_bases(degree) - 1;
     let mut places = [None; SH_FLOATS];
     for channel in 0..CHANNELS {

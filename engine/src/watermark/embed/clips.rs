@@ -108,7 +108,7 @@ pub(super) struct ClipBuilder {
 
 impl ClipBuilder {
     pub(super) fn new(device: &Device, model: &Model, config: &EmbedConfig) -> Result<Self, EngineError> {
-        let field = DeformField::new(device, &model.gaussians, model.deformation.as_ref())?;
+        let field = DeformField::new(device, &model.gaussians, &model.motion)?;
         let similarity = match config.uses_ssim() {
             true => Some(SsimScratch::new(device, config.frame_size(), 1)?),
             false => None,

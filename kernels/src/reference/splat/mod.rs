@@ -7,3 +7,4 @@ pub mod project;
 pub mod rasterize;
 pub mod sh;
 pub mod tile_bin;
+pub mod trajectory;
