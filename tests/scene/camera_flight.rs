@@ -23,8 +23,8 @@ fn assert_same(got: &Camera, want: &Camera) {
     let worst =
         (got.world_to_camera - want.world_to_camera).to_cols_array().into_iter().map(f32::abs).fold(0.0, f32::max);
     assert!(worst <= POSE_TOLERANCE && got.world_to_camera.is_finite(), "{got:?} is not {want:?}");
-    assert_eq!((got.fx, got.fy, got.cx, got.cy), (want.fx, want.fy, want.cx, want.cy));
-    assert_eq!((got.width, got.height), (want.width, want.height));
+    assert_eq!((got.fx, got.fy, got.cx, got.cy), (want.fx, want.fy, want.cx, want.cy), "lens");
+    assert_eq!((got.width, got.height), (want.width, want.height), "size");
 }
 
 #[test]

@@ -52,7 +52,7 @@ fn assert_is(camera: &Camera, shot: &Shot) {
     assert!((camera.fx - fx).abs() <= 8e-6 && (camera.fy - fy).abs() <= 8e-6, "{} {}", camera.fx, camera.fy);
     let [cx, cy] = shot.principal.map(|edge| edge as f32 - 0.5);
     assert_eq!((camera.cx, camera.cy), (cx, cy), "pixel centres instead of pixel edges");
-    assert_eq!([camera.width, camera.height], shot.size);
+    assert_eq!([camera.width, camera.height], shot.size, "image size");
 }
 
 #[test]
@@ -362,7 +362,7 @@ fn malformed_paths_are_refused_by_field() {
 #[test]
 fn frames_may_have_lenses_of_their_own() {
     let pose = json!([[1, 0, 0, 0], [0, 0, -1, -4], [0, 1, 0, 0], [0, 0, 0, 1]]);
-    let file = json!({ "camera_model": "OPENCV", "camera_angle_x": 0.7, "fl_x": 50, "fl_y": 60, "cx": 10, "w": 20, "h": 30,
+    let file = json!({ "camera_model": "OPENCV", "camera_angle_x": 0.7, "fl_x": 50, "fl_y": 60, "cx": 10, "w": 20.0, "h": 30,
                        "frames": [{ "transform_matrix": pose }, { "transform_matrix": pose, "fl_x": 70, "cy": 14 },
                                   { "transform_matrix": pose, "camera_angle_x": 1.0, "w": 40 }] });
     let views = parse(&file).expect("a nerfstudio file").views;
@@ -384,6 +384,7 @@ fn frames_may_have_lenses_of_their_own() {
     assert_refused(edit(|f| f["frames"][1]["k1"] = json!(0.2)), &["frames[1].lens distortion", "0.2"]);
     assert_refused(edit(|f| f["frames"][1]["fl_x"] = json!(0)), &["frames[1].focal length", "positive"]);
     assert_refused(edit(|f| f["frames"][2]["h"] = json!(0)), &["frames[2].image size", "40x0"]);
+    assert_refused(edit(|f| f["w"] = json!(20.5)), &["image size", "20.5", "a whole number"]);
     assert_refused(
         edit(|f| f["camera_model"] = json!("EQUIRECTANGULAR")),
         &["camera_model", "EQUIRECTANGULAR", "PINHOLE"],

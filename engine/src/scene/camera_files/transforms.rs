@@ -32,8 +32,9 @@ struct Lens {
     fl_y: Option<f64>,
     cx: Option<f64>,
     cy: Option<f64>,
-    w: Option<u32>,
-    h: Option<u32>,
+    /// instant-ngp writes sides as 1920.0.
+    w: Option<f64>,
+    h: Option<f64>,
     camera_model: Option<String>,
     is_fisheye: Option<bool>,
     k1: Option<f64>,
@@ -136,13 +137,13 @@ impl Lens {
     /// The camera at the origin; `of` names it in messages and may be empty.
     fn camera(&self, reader: Reader<'_>, of: &str) -> Result<Camera, EngineError> {
         self.check_pinhole(reader, of)?;
-        let width = self.w.unwrap_or(reader.size.width());
-        let height = self.h.unwrap_or(reader.size.height());
-        let size = reader.size(of, width.into(), height.into())?;
+        let width = side(reader, of, self.w, reader.size.width())?;
+        let height = side(reader, of, self.h, reader.size.height())?;
+        let size = reader.size(of, width, height)?;
         let focal = match (self.fl_x, self.camera_angle_x) {
             (Some(fx), _) => [fx, self.fl_y.unwrap_or(fx)],
             (None, Some(angle)) if angle > 0.0 && angle < std::f64::consts::PI => {
-                [f64::from(width) / (2.0 * (angle / 2.0).tan()); 2]
+                [f64::from(size.width()) / (2.0 * (angle / 2.0).tan()); 2]
             }
             (None, Some(angle)) => {
                 let field = format!("{of}camera_angle_x");
@@ -171,5 +172,15 @@ impl Lens {
             }
             None => Ok(()),
         }
+    }
+}
+
+/// A side of the image in px; `otherwise` where the file does not tell.
+#[allow(clippy::cast_possible_truncation, reason = "a whole number within u32, as was checked")]
+fn side(reader: Reader<'_>, of: &str, given: Option<f64>, otherwise: u32) -> Result<u64, EngineError> {
+    match given {
+        None => Ok(otherwise.into()),
+        Some(side) if side.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&side) => Ok(side as u64),
+        Some(side) => Err(bad_data(reader.path, format!("{of}image size"), side, "a whole number of px")),
     }
 }

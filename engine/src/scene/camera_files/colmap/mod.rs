@@ -8,7 +8,7 @@ mod text;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DQuat, DVec3, DVec4};
+use glam::{DMat3, DQuat, DVec3, DVec4, Mat4};
 
 use super::super::camera::{Camera, CameraSet, ImageSize, View};
 use super::super::{bad_data, read_file};
@@ -170,12 +170,12 @@ impl ColmapCamera {
 }
 
 impl ColmapImage {
-    fn pose(&self, reader: Reader<'_>) -> Result<glam::Mat4, EngineError> {
+    fn pose(&self, reader: Reader<'_>) -> Result<Mat4, EngineError> {
         let [w, x, y, z] = self.rotation;
         let quaternion = DVec4::new(x, y, z, w);
         let field = format!("image {}: rotation", self.id);
-        // Written so that a NaN fails too.
-        if !((quaternion.length() - 1.0).abs() <= ROTATION_TOLERANCE) {
+        // Both readers have refused what is not finite.
+        if (quaternion.length() - 1.0).abs() > ROTATION_TOLERANCE {
             return Err(bad_data(reader.path, field, format!("{:?}", self.rotation), "a quaternion of length 1"));
         }
         let camera_to_world = DMat3::from_quat(DQuat::from_vec4(quaternion.normalize())).transpose();
