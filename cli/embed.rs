@@ -213,7 +213,7 @@ fn config(args: &EmbedArgs, (gate, bits): (&Gate, usize)) -> Result<EmbedConfig,
         Some(ExtractorArg::General) => ExtractorMode::General,
         Some(ExtractorArg::Joint) => ExtractorMode::Joint,
     };
-    let mut config = EmbedConfig { seed: args.seed, size_px: args.views.size, ..EmbedConfig::new(profile, mode) };
+    let mut config = EmbedConfig { seed: args.seed, size_px: args.views.size(), ..EmbedConfig::new(profile, mode) };
     config.bases = match args.bases {
         None => config.bases,
         Some(BasesArg::Dc) => OffsetBases::Dc,

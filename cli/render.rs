@@ -16,7 +16,9 @@ pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<Outcome, EngineE
     stop::listen(common);
     let device = devices::open(common)?;
     let model = model::open(&args.model, common)?;
-    let clips = cameras(&args.views, &model)?.clips();
+    let cameras = cameras(&args.views, &model)?;
+    let size = cameras.views.first().map_or(args.views.size(), |view| (view.camera.width, view.camera.height));
+    let clips = cameras.clips();
     let total: usize = clips.iter().map(Vec::len).sum();
     let progress = bar(common, total as u64);
     let mut film = Film::new(&device, &model.gaussians, &model.motion, model.background)?;
@@ -27,7 +29,7 @@ pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<Outcome, EngineE
             each(Frame::from_rgba32f(camera.width, camera.height, pixels)?)
         })
     };
-    film::write(&args.film, args.views.size, shoot)?;
+    film::write(&args.film, size, shoot)?;
     progress.finish_and_clear();
     Ok(Outcome::Done)
 }

@@ -1,6 +1,7 @@
 //! The views that flags ask for.
 
 use guard4d_engine::EngineError;
+use guard4d_engine::scene::camera_flight::Ends;
 use guard4d_engine::scene::camera_paths::{Lens, Orbit};
 use guard4d_engine::scene::{CameraSet, ImageSize, Model, Vantage};
 
@@ -15,12 +16,19 @@ pub(crate) fn vantage(args: &ViewArgs, model: &Model) -> Vantage {
     Vantage { target: args.target.unwrap_or(target), radius: args.radius.unwrap_or(radius) }
 }
 
-/// Cameras from a file, or an orbit around the model.
+/// Cameras from a file or folder, a flight through them, or an orbit around the model.
 pub(crate) fn cameras(args: &ViewArgs, model: &Model) -> Result<CameraSet, EngineError> {
-    let size = ImageSize::new(args.size.0, args.size.1)?;
+    let (width, height) = args.size();
+    let size = ImageSize::new(width, height)?;
     let times = even_times(args.frames);
     if let Some(path) = &args.cameras {
         let mut set = CameraSet::open(path, size)?;
+        if args.size.is_some() {
+            set = set.resized(size);
+        }
+        if let Some(frames) = args.interpolate {
+            return set.flight(frames, if args.closed { Ends::Closed } else { Ends::Open });
+        }
         for view in &mut set.views {
             if view.times.is_empty() {
                 view.times.clone_from(&times);

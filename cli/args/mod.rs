@@ -182,12 +182,25 @@ pub(crate) struct KeygenArgs {
     pub(crate) overwrite: bool,
 }
 
+/// Width and height of pictures when nothing says otherwise, px.
+const DEFAULT_SIZE: (u32, u32) = (400, 400);
+
 /// Where the views of a rendering come from.
 #[derive(Args, Debug)]
 pub(crate) struct ViewArgs {
-    /// D-NeRF transforms JSON
-    #[arg(long, conflicts_with = "orbit")]
+    /// Camera file or folder: transforms JSON (D-NeRF, Blender, nerfstudio), cameras.json (INRIA), camera_path.json
+    /// (nerfstudio), a COLMAP folder (text or binary; itself or with sparse/0) or a Nerfies/HyperNeRF folder
+    ///
+    /// The content tells which. Where it has no times, as COLMAP and INRIA, --frames spreads frames over the motion. Lens
+    /// distortion is refused: undistort first; of Nerfies cameras it is ignored, as 4DGaussians does.
+    #[arg(long, value_name = "PATH", conflicts_with = "orbit")]
     pub(crate) cameras: Option<PathBuf>,
+    /// Film this many frames on a smooth flight through --cameras in their order, while time runs from 0 to 1
+    #[arg(long, value_name = "FRAMES", requires = "cameras")]
+    pub(crate) interpolate: Option<u32>,
+    /// Let the flight come back to its first camera, so that the film can be repeated
+    #[arg(long, requires = "interpolate")]
+    pub(crate) closed: bool,
     /// This many views on a circle around the scene instead
     #[arg(long)]
     pub(crate) orbit: Option<u32>,
@@ -203,12 +216,21 @@ pub(crate) struct ViewArgs {
     /// Horizontal field of view of the orbit in degrees
     #[arg(long, default_value_t = 39.6)]
     pub(crate) fov: f32,
-    /// Frames per view of the orbit, spread over the whole motion
+    /// Frames per view of the orbit, and of cameras without times, spread over the whole motion
     #[arg(long, default_value_t = 8)]
     pub(crate) frames: u32,
-    /// Picture size WIDTHxHEIGHT
-    #[arg(long, default_value = "400x400", value_parser = parse_size)]
-    pub(crate) size: (u32, u32),
+    /// Picture size WIDTHxHEIGHT [default: what --cameras says, or 400x400]
+    ///
+    /// What --cameras shows is scaled to it, and stretched if its shape is another.
+    #[arg(long, value_parser = parse_size)]
+    pub(crate) size: Option<(u32, u32)>,
+}
+
+impl ViewArgs {
+    /// Width and height in px of what has no size of its own.
+    pub(crate) fn size(&self) -> (u32, u32) {
+        self.size.unwrap_or(DEFAULT_SIZE)
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -1,5 +1,6 @@
 //! The program itself: exit codes, messages, what goes to stdout, and what is left on disk.
 
+mod cameras;
 mod controls;
 mod demo;
 mod devices;

@@ -13,7 +13,7 @@ fn view(number: f32, times: &[f32]) -> View {
 }
 
 fn clips(views: &[View]) -> Vec<Vec<(f32, f32)>> {
-    let set = CameraSet { views: views.to_vec() };
+    let set = CameraSet { views: views.to_vec(), in_sequence: false };
     let number = |c: &Camera| c.world_to_camera.w_axis.x;
     set.clips().iter().map(|clip| clip.iter().map(|(c, t)| (number(c), *t)).collect()).collect()
 }

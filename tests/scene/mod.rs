@@ -3,8 +3,12 @@
 use guard4d_engine::EngineError;
 
 mod camera;
+mod camera_flight;
+mod camera_formats;
+pub(crate) mod camera_writers;
 mod cfg_args;
 mod clips;
+mod conventions;
 mod demo;
 pub(crate) mod fixture;
 mod formats;

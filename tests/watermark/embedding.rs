@@ -87,7 +87,7 @@ fn film(gpu: &Gpu, owner: &Owner, embedded: &Embedded, clips: &[Shots]) -> HeldO
         camera: *camera,
         times: vec![*time],
     };
-    let cameras = CameraSet { views: shots.map(view).collect() };
+    let cameras = CameraSet { views: shots.map(view).collect(), in_sequence: false };
     let filmed = HeldOut::shoot(gpu, &owner.model, &embedded.sh_coeffs, &cameras).expect("films");
     assert_eq!(filmed.marked.len(), clips.len(), "clip by clip");
     filmed

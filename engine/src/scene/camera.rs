@@ -150,6 +150,8 @@ pub struct View {
 pub struct CameraSet {
     /// In order of first appearance.
     pub views: Vec<View>,
+    /// Whether the views are the frames of one film, rather than places that a film can be taken from.
+    pub in_sequence: bool,
 }
 
 impl CameraSet {
@@ -162,9 +164,12 @@ impl CameraSet {
     }
 
     /// What a camera that follows each view would film: a clip is a view over its times, or, where every view has
-    /// one time only, the views that come k-th at each time.
+    /// one time only, the views that come k-th at each time. Views in sequence are one clip.
     #[must_use]
     pub fn clips(&self) -> Vec<Vec<(Camera, f32)>> {
+        if self.in_sequence {
+            return vec![self.entries().map(|(_, camera, time)| (*camera, time)).collect()];
+        }
         if self.views.iter().any(|v| v.times.len() != 1) {
             let clip = |v: &View| v.times.iter().map(|&t| (v.camera, t)).collect();
             return self.views.iter().map(clip).collect();
@@ -190,12 +195,13 @@ impl CameraSet {
         self
     }
 
-    /// The same views, all at `times`.
+    /// The same views, all at `times`, as places to film from.
     #[must_use]
     pub fn at_times(mut self, times: &[f32]) -> Self {
         for view in &mut self.views {
             view.times = times.to_vec();
         }
+        self.in_sequence = false;
         self
     }
 }

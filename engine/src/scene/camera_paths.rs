@@ -147,5 +147,5 @@ impl Band {
 fn named(stem: &str, views: u32, mut camera: impl FnMut(u32) -> Camera) -> CameraSet {
     let views =
         (0..views).map(|index| View { name: format!("{stem}_{index:03}"), camera: camera(index), times: Vec::new() });
-    CameraSet { views: views.collect() }
+    CameraSet { views: views.collect(), in_sequence: false }
 }

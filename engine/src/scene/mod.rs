@@ -8,6 +8,7 @@ use crate::error::EngineError;
 pub mod axes;
 pub mod camera;
 pub mod camera_files;
+pub mod camera_flight;
 pub mod camera_paths;
 pub mod cfg_args;
 pub mod deformation;
