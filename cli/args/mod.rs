@@ -343,7 +343,7 @@ pub(crate) struct LpipsArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct EmbedArgs {
-    /// 4DGaussians model folder or static INRIA PLY; with --undo the marked one
+    /// Model, as `inspect` can read it: a folder, or a file of splats; with --undo the marked one
     pub(crate) model: PathBuf,
     /// Owner key
     #[arg(long, required_unless_present = "undo")]
@@ -471,7 +471,7 @@ pub(crate) struct VerifyArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct RenderArgs {
-    /// 4DGaussians model folder or static INRIA PLY
+    /// Model, as `inspect` can read it: a folder, or a file of splats
     pub(crate) model: PathBuf,
     #[command(flatten)]
     pub(crate) views: ViewArgs,
@@ -537,7 +537,7 @@ pub(crate) enum DumpCommand {
     /// Writes xyz [N,3], scale [N,3], rot [N,4], opacity [N,1] and sh [N,16,3]; of a moving model also
     /// feat [N,levels*channels] and hidden [N,width].
     Deform {
-        /// 4DGaussians model folder or static INRIA PLY
+        /// Model, as `inspect` can read it: a folder, or a file of splats
         model: PathBuf,
         /// Time from 0 to 1
         #[arg(long)]
@@ -550,7 +550,7 @@ pub(crate) enum DumpCommand {
     ///
     /// Writes image [H,W,3] (not clamped) and final_T [H,W]; with --v-image also dL_dsh [N,16,3].
     Render {
-        /// 4DGaussians model folder or static INRIA PLY
+        /// Model, as `inspect` can read it: a folder, or a file of splats
         model: PathBuf,
         /// JSON with width, height, fx, fy and world_to_camera_row_major; background and time if wanted
         #[arg(long)]

@@ -44,7 +44,7 @@ pub(crate) struct StudyArgs {
     /// Small frames, few steps and fewer arms: each part ends within 15 minutes on two processor cores
     #[arg(long)]
     pub(crate) quick: bool,
-    /// Scenes: demo, model folders, static PLYs [default: demo]
+    /// Scenes: demo, or models as `inspect` can read them [default: demo]
     #[arg(long, value_delimiter = ',')]
     pub(crate) scenes: Vec<SceneSource>,
     /// Seeds of keys, messages, views, times and noise [default: 0,1,2; with --quick: 0]

@@ -2,6 +2,7 @@
 
 mod cameras;
 mod controls;
+mod convert;
 mod demo;
 mod devices;
 mod dump;

@@ -3,6 +3,7 @@
 mod deform;
 mod golden;
 mod models;
+mod samples;
 
 use guard4d_engine::EngineError;
 use guard4d_engine::render::{FrameMut, FramePlan, Offsets, Renderer};

@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3, Mat4};
 use guard4d_engine::render::Film;
 use guard4d_engine::scene::gaussians::SH_FLOATS;
-use guard4d_engine::scene::{Camera, CameraSet, Gaussians, ImageSize};
+use guard4d_engine::scene::{Camera, CameraSet, Gaussians, ImageSize, Motion};
 use guard4d_kernels::Device;
 
 use super::camera_writers::{Format, Shot};
@@ -73,7 +73,7 @@ fn camera(shot: &Shot) -> Camera {
 }
 
 fn picture(device: &Device, camera: Camera) -> Vec<f32> {
-    let mut film = Film::new(device, &scene(), None, [0.0; 3]).expect("the scene fits");
+    let mut film = Film::new(device, &scene(), &Motion::Still, [0.0; 3]).expect("the scene fits");
     let mut picture = Vec::new();
     let shot = film.shoot(&[vec![(camera, 0.0)]], |_, _, pixels| {
         picture.extend_from_slice(pixels);
