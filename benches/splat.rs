@@ -17,6 +17,7 @@ use guard4d_kernels::splat::rasterize::{self, BackwardScratch};
 use guard4d_kernels::splat::sh::{self, ShInputs, VisibleSplats};
 use guard4d_kernels::splat::tile_bin::{TileBinner, VisibleLists};
 use guard4d_kernels::splat::trajectory::{self, PATH_FLOATS, Paths};
+use guard4d_kernels::splat::warp::{self, Shift, WARP_COLUMNS};
 
 use crate::harness::{Bench, Work};
 use crate::{Outcome, scene};
@@ -116,6 +117,11 @@ fn moments(bench: &mut Bench, model: &Model, state: &SplatState, time: f32) -> O
     bench.passes(&format!("splat/deform_apply {n} splats"), Work::Bytes((144 * n) as f64, "9·16·N"), |rec| {
         let out = DeformedOut { means: &mut means, scales: &mut scales, quats: &mut quats };
         deform::apply(rec, state.raw(), heads, RotationUpdate::Add, out)
+    })?;
+    let warp_heads = bench.data("warp heads", n * WARP_COLUMNS)?;
+    bench.passes(&format!("splat/warp {n} splats"), Work::Bytes((160 * n) as f64, "10·16·N"), |rec| {
+        let out = DeformedOut { means: &mut means, scales: &mut scales, quats: &mut quats };
+        warp::apply(rec, state.raw(), &warp_heads, Shift::Offset, out)
     })?;
     let paths = bench.data("paths", n * PATH_FLOATS)?;
     bench.passes(&format!("splat/trajectory {n} splats"), Work::Bytes((128 * n) as f64, "8·16·N"), |rec| {

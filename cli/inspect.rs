@@ -79,6 +79,7 @@ fn model(args: &InspectArgs) -> Result<Value, EngineError> {
     let kind = match &model.motion {
         Motion::Still => "static model",
         Motion::HexPlane(_) => "dynamic model (4DGaussians)",
+        Motion::Warp(_) => "dynamic model (Deformable-3DGS)",
         Motion::Paths(_) => "dynamic model (splats on paths)",
         Motion::Sequence(_) => "dynamic model (a file for each moment)",
     };

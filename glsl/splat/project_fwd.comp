@@ -1,6 +1,6 @@
 #version 460
 // splat/project_fwd: EWA splatting, Zwicker et al. 2001, with the cutoffs of Kerbl et al. 2023. One invocation per splat.
-//   in   means [N,4] = xyz, opacity logit   scales [N,4] log   quats [N,4] wxyz, any norm
+//   in   means [N,4] = xyz, opacity logit   scales [N,4] log, whether quats keep their norm   quats [N,4] wxyz
 //   out  geom [N,8] = mean2d.xy px, conic.ab | conic.c, opacity, depth, 0, conic times -log2(e)/2, b doubled (=)
 //        dirs [N,4] unit vector camera -> mean (=)   tile_rects [N,4] 8x8 tiles x0 y0 x1 y1, empty = culled (=)
 //        depth_keys [N] bits of the view depth, ~0 = culled (=)   order [N] = splat (=)
@@ -33,10 +33,12 @@ const float MIN_SPREAD = 0.1;
 const float LOG2_E = 1.4426950408889634;
 
 // Rows of the 2x3 matrix J W R S, whose Gram matrix is the projected covariance before the blur.
-void half_covariance(vec3 view, mat3 rotation, vec4 quat, vec3 scale, out vec3 row_x, out vec3 row_y) {
+void half_covariance(vec3 view, mat3 rotation, vec4 quat, vec4 log_scale, out vec3 row_x, out vec3 row_y) {
     vec2 limit = FRUSTUM_MARGIN * 0.5 * vec2(p.width, p.height) / vec2(p.fx, p.fy);
     vec2 t = clamp(view.xy / view.z, -limit, limit);
-    mat3 m = rotation * quat_to_mat3(quat_normalize(quat));
+    // Splats that a network has added to after activation are drawn with the matrix of their quaternion as it is.
+    mat3 m = rotation * quat_to_mat3(log_scale.w == 0.0 ? quat_normalize(quat) : quat);
+    vec3 scale = exp(log_scale.xyz);
     mat3 rows = transpose(m);
     row_x = (p.fx / view.z) * (rows[0] - t.x * rows[2]) * scale;
     row_y = (p.fy / view.z) * (rows[1] - t.y * rows[2]) * scale;
@@ -65,7 +67,7 @@ void main() {
     vec3 shift = vec3(p.view_03, p.view_13, p.view_23);
     vec3 view = rotation * mean.xyz + shift;
     vec3 row_x, row_y;
-    half_covariance(view, rotation, texel_load(quats, int(i)), exp(texel_load(scales, int(i)).xyz), row_x, row_y);
+    half_covariance(view, rotation, texel_load(quats, int(i)), texel_load(scales, int(i)), row_x, row_y);
     vec3 gram = vec3(dot(row_x, row_x), dot(row_x, row_y), dot(row_y, row_y));
     // Scaled by the largest entry, so that huge splats do not overflow; the determinant is a sum of
     // non-negative terms (Cauchy-Binet), so that needles do not cancel.

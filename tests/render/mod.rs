@@ -4,6 +4,7 @@ mod deform;
 mod golden;
 mod models;
 mod samples;
+mod warp;
 
 use guard4d_engine::EngineError;
 use guard4d_engine::render::{FrameMut, FramePlan, Offsets, Renderer};

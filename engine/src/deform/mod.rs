@@ -4,6 +4,7 @@ mod network;
 mod paths;
 mod sequence;
 mod state;
+mod warp;
 
 use std::sync::Arc;
 
@@ -16,6 +17,7 @@ use network::Network;
 use paths::PathField;
 use sequence::Sequence;
 pub use state::SplatState;
+use warp::WarpField;
 
 /// Moments that are kept when no other number is asked for: two clips of eight frames.
 const DEFAULT_CACHED_TIMES: usize = 16;
@@ -26,6 +28,7 @@ enum Mover {
     Network(Box<Network>),
     Paths(PathField),
     Sequence(Sequence),
+    Warp(Box<WarpField>),
 }
 
 /// Canonical splats on the device with what moves them.
@@ -52,6 +55,7 @@ impl DeformField {
             Motion::HexPlane(weights) => {
                 Some(Mover::Network(Box::new(Network::new(device, weights, canonical.len())?)))
             }
+            Motion::Warp(weights) => Some(Mover::Warp(Box::new(WarpField::new(device, weights, gaussians)?))),
             Motion::Paths(paths) => Some(Mover::Paths(PathField::new(device, paths)?)),
             Motion::Sequence(moments) => Some(Mover::Sequence(Sequence::new(gaussians, moments))),
         };
@@ -132,6 +136,7 @@ impl DeformField {
                 Arc::new(match mover {
                     Mover::Network(network) => network.deform(&self.device, &self.canonical, time)?,
                     Mover::Paths(paths) => paths.deform(&self.device, &self.canonical, time)?,
+                    Mover::Warp(warp) => warp.deform(&self.device, &self.canonical, time)?,
                     Mover::Sequence(sequence) => sequence.deform(&self.device, time)?,
                 })
             }

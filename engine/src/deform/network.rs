@@ -17,7 +17,7 @@ use crate::scene::deformation::{Head, Linear};
 use crate::scene::gaussians::SH_FLOATS;
 
 /// Splats that go through the network at once: what a row needs of working memory is several KB.
-const CHUNK: usize = 16_384;
+pub(super) const CHUNK: usize = 16_384;
 
 /// First column of each head in the rows that [`deform`] reads.
 const POSITION_COLUMN: usize = 0;
@@ -28,15 +28,15 @@ const SH_COLUMN: usize = GEOMETRY_COLUMNS;
 
 /// A linear layer with a ReLU behind it or not, sizes padded with zeros, and room for its output.
 #[derive(Debug)]
-struct Layer {
-    weight: PackedWeight,
-    bias: Buffer<f32>,
-    activation: Activation,
-    output: Buffer<f32>,
+pub(super) struct Layer {
+    pub(super) weight: PackedWeight,
+    pub(super) bias: Buffer<f32>,
+    pub(super) activation: Activation,
+    pub(super) output: Buffer<f32>,
 }
 
 impl Layer {
-    fn forward(
+    pub(super) fn forward(
         &mut self,
         rec: &mut Recorder,
         input: &Buffer<f32>,
@@ -53,7 +53,7 @@ impl Layer {
 }
 
 /// Weights of a layer before packing; rows and columns that stay zero are padding.
-struct Matrix {
+pub(super) struct Matrix {
     weight: Vec<f32>,
     bias: Vec<f32>,
     inputs: usize,
@@ -61,13 +61,13 @@ struct Matrix {
 }
 
 impl Matrix {
-    fn zeros(outputs: usize, inputs: usize) -> Self {
+    pub(super) fn zeros(outputs: usize, inputs: usize) -> Self {
         let outputs = outputs.next_multiple_of(LANES);
         Self { weight: vec![0.0; outputs * inputs], bias: vec![0.0; outputs], inputs, outputs }
     }
 
     /// Writes `layer` at (row, column); `place` maps the layer's inputs to columns behind that.
-    fn put(&mut self, layer: &Linear, (row, column): (usize, usize), place: impl Fn(usize) -> usize) {
+    pub(super) fn put(&mut self, layer: &Linear, (row, column): (usize, usize), place: impl Fn(usize) -> usize) {
         for (i, (weights, bias)) in layer.weight.chunks_exact(layer.inputs.max(1)).zip(&layer.bias).enumerate() {
             self.bias[row + i] = *bias;
             for (j, weight) in weights.iter().enumerate() {
@@ -76,7 +76,7 @@ impl Matrix {
         }
     }
 
-    fn layer(self, device: &Device, activation: Activation, rows: usize) -> Result<Layer, KernelError> {
+    pub(super) fn layer(self, device: &Device, activation: Activation, rows: usize) -> Result<Layer, KernelError> {
         let weight = PackedWeight::new(device, "deform.weight", &self.weight, self.outputs, self.inputs)?;
         Ok(Layer {
             weight,

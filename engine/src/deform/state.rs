@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use guard4d_kernels::splat::project::RawSplats;
 use guard4d_kernels::{Buffer, Device};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use crate::error::EngineError;
-use crate::scene::Gaussians;
+use crate::scene::{Gaussians, narrow};
 
 /// Splats before activation, as the projection reads them.
 ///
@@ -64,17 +65,23 @@ impl SplatState {
         self.len() == 0
     }
 
-    /// The splats, read back from the device.
+    /// The splats, read back from the device. Ellipsoids of quaternions that kept their length come back as those of unit
+    /// quaternions.
     ///
     /// # Errors
     /// When the device fails.
     pub fn read(&self) -> Result<Gaussians, EngineError> {
         let (means, scales, quats) = (self.means.read()?, self.scales.read()?, self.quats.read()?);
-        let (means, scales) = (means.as_chunks::<4>().0, scales.as_chunks::<4>().0);
+        let (means, scales, quats) = (means.as_chunks::<4>().0, scales.as_chunks::<4>().0, quats.as_chunks().0);
+        let ellipsoid = |([x, y, z, keeps_norm], quat): (&[f32; 4], &[f32; 4])| match *keeps_norm {
+            0.0 => ([*x, *y, *z], *quat),
+            _ => of_unit_quaternion([*x, *y, *z], *quat),
+        };
+        let (scales, quats) = scales.iter().zip(quats).map(ellipsoid).unzip();
         Ok(Gaussians {
             means: means.iter().map(|[x, y, z, _]| [*x, *y, *z]).collect(),
-            quats: quats.as_chunks().0.to_vec(),
-            scales: scales.iter().map(|[x, y, z, _]| [*x, *y, *z]).collect(),
+            quats,
+            scales,
             opacities: means.iter().map(|[.., logit]| *logit).collect(),
             sh_coeffs: self.sh_coeffs.read()?,
             sh_degree: self.sh_degree,
@@ -102,4 +109,30 @@ impl SplatState {
     pub(super) fn geometry_bytes(&self) -> usize {
         size_of::<f32>() * (self.means.len() + self.scales.len() + self.quats.len())
     }
+}
+
+/// Log standard deviations and a unit quaternion of the ellipsoid that log standard deviations and the matrix of a
+/// quaternion of any length make: its covariance has the axes as eigenvectors.
+fn of_unit_quaternion(scales: [f32; 3], [w, x, y, z]: [f32; 4]) -> ([f32; 3], [f32; 4]) {
+    let [w, x, y, z] = [w, x, y, z].map(f64::from);
+    let matrix = Matrix3::new(
+        1.0 - 2.0 * (y * y + z * z),
+        2.0 * (x * y - w * z),
+        2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z),
+        1.0 - 2.0 * (x * x + z * z),
+        2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y),
+        2.0 * (y * z + w * x),
+        1.0 - 2.0 * (x * x + y * y),
+    );
+    let half = matrix * Matrix3::from_diagonal(&Vector3::from(scales.map(|s| f64::from(s).exp())));
+    let eigen = (half * half.transpose()).symmetric_eigen();
+    let mut axes = eigen.eigenvectors;
+    if axes.determinant() < 0.0 {
+        axes.column_mut(0).neg_mut();
+    }
+    let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+    let deviations = eigen.eigenvalues.map(|variance| narrow(0.5 * variance.max(f64::MIN_POSITIVE).ln()));
+    (deviations.into(), [turn.w, turn.i, turn.j, turn.k].map(narrow))
 }

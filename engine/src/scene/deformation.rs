@@ -89,6 +89,26 @@ pub struct DeformationWeights {
     pub shs_deform: Head,
 }
 
+impl Linear {
+    /// W x + b.
+    ///
+    /// # Shapes
+    /// in `x` \[inputs\] · out \[outputs\]
+    #[must_use]
+    pub fn apply(&self, x: &[f32]) -> Vec<f32> {
+        let rows = self.weight.chunks_exact(self.inputs.max(1)).zip(&self.bias);
+        rows.map(|(row, bias)| bias + row.iter().zip(x).map(|(weight, value)| weight * value).sum::<f32>()).collect()
+    }
+
+    /// The same layer for some of its inputs, when the others are 0.
+    #[must_use]
+    pub fn columns(&self, range: std::ops::Range<usize>) -> Self {
+        let rows = self.weight.chunks_exact(self.inputs.max(1));
+        let weight = rows.flat_map(|row| &row[range.clone()]).copied().collect();
+        Self { weight, bias: self.bias.clone(), inputs: range.len(), outputs: self.outputs }
+    }
+}
+
 impl DeformationWeights {
     /// Takes the tensors of a state dict, which came from `path`.
     ///
@@ -100,8 +120,7 @@ impl DeformationWeights {
         tensors: Vec<(String, Tensor)>,
         config: DeformConfig,
     ) -> Result<Self, EngineError> {
-        let tensors = tensors.into_iter().collect();
-        let mut dict = StateDict { path, tensors };
+        let mut dict = StateDict::new(path, PREFIX, tensors);
         for (name, dims) in UNUSED {
             dict.drop_unused(name, dims)?;
         }
@@ -131,12 +150,19 @@ impl DeformationWeights {
     }
 }
 
-struct StateDict<'a> {
+/// Tensors by name, each taken out once.
+pub(super) struct StateDict<'a> {
     path: &'a Path,
+    /// Start of the names of all tensors that are used.
+    prefix: &'static str,
     tensors: HashMap<String, Tensor>,
 }
 
-impl StateDict<'_> {
+impl<'a> StateDict<'a> {
+    pub(super) fn new(path: &'a Path, prefix: &'static str, tensors: Vec<(String, Tensor)>) -> Self {
+        Self { path, prefix, tensors: tensors.into_iter().collect() }
+    }
+
     fn take(&mut self, name: &str) -> Result<Tensor, EngineError> {
         self.tensors
             .remove(name)
@@ -152,9 +178,9 @@ impl StateDict<'_> {
         Ok(())
     }
 
-    /// The values of `deformation_net.NAME`, which must be finite f32 of exactly `shape`.
+    /// The values of the prefix and `name`, which must be finite f32 of exactly `shape`.
     fn values(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f32>, EngineError> {
-        let name = format!("{PREFIX}{name}");
+        let name = format!("{}{name}", self.prefix);
         let tensor = self.take(&name)?;
         if tensor.shape != shape {
             let got = format!("shape {:?}", tensor.shape);
@@ -199,7 +225,7 @@ impl StateDict<'_> {
         Ok(planes.try_into().expect("one plane was pushed per pair of axes"))
     }
 
-    fn linear(&mut self, name: &str, inputs: usize, outputs: usize) -> Result<Linear, EngineError> {
+    pub(super) fn linear(&mut self, name: &str, inputs: usize, outputs: usize) -> Result<Linear, EngineError> {
         Ok(Linear {
             weight: self.values(&format!("{name}.weight"), &[outputs, inputs])?,
             bias: self.values(&format!("{name}.bias"), &[outputs])?,
@@ -215,11 +241,11 @@ impl StateDict<'_> {
         })
     }
 
-    fn check_empty(&self) -> Result<(), EngineError> {
+    pub(super) fn check_empty(&self) -> Result<(), EngineError> {
         match self.tensors.keys().min() {
             None => Ok(()),
             Some(name) => {
-                let got = "a tensor that cfg_args does not account for";
+                let got = "a tensor that nothing accounts for";
                 let expected = "exactly the keys of the deformation network";
                 Err(bad_data(self.path, name, got, expected))
             }

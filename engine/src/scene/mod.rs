@@ -25,6 +25,7 @@ mod sequence;
 pub mod source;
 pub mod trajectories;
 pub mod vantage;
+pub mod warp;
 
 pub use camera::{Camera, CameraSet, ImageSize, View};
 pub use cfg_args::DeformConfig;

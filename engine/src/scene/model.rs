@@ -12,6 +12,7 @@ use super::ply::encode;
 use super::pth::{PthContent, Tensor};
 use super::sequence::{self, Take};
 use super::source::{Opened, SplatSource};
+use super::warp::{WarpWeights, has_white_background};
 use super::{bad_data, read_file};
 use crate::error::EngineError;
 use crate::watermark::digest::Digest;
@@ -21,6 +22,9 @@ const POINT_CLOUD: &str = "point_cloud";
 const ITERATION: &str = "iteration_";
 const PLY_NAME: &str = "point_cloud.ply";
 const DEFORMATION: &str = "deformation.pth";
+/// Folder and file of a Deformable-3DGS network, which has an iteration of its own.
+const DEFORM: &str = "deform";
+const WARP: &str = "deform.pth";
 const TABLE: &str = "deformation_table.pth";
 const ACCUM: &str = "deformation_accum.pth";
 
@@ -54,8 +58,9 @@ pub struct Model {
 enum Layout {
     /// A file on its own.
     Static,
-    /// A 4DGaussians output folder and the iteration folder in use, relative to it.
-    Folder { root: PathBuf, iteration: PathBuf },
+    /// An output folder of a trainer and the folders below it that are in use, relative to it: that of point clouds, the
+    /// iteration with the splats, and those of a network elsewhere.
+    Folder { root: PathBuf, parts: Vec<PathBuf> },
     /// A folder with a file for each moment.
     Sequence { root: PathBuf },
 }
@@ -72,7 +77,7 @@ pub struct Written {
 }
 
 impl Model {
-    /// Loads a 4DGaussians folder (its largest iteration), a folder with a file of splats for each moment, or one such file.
+    /// Loads a folder of 4DGaussians or Deformable-3DGS (its largest iterations), a folder with a file of splats for each moment, or one such file.
     ///
     /// # Errors
     /// [`EngineError::MissingInput`] and [`EngineError::Io`] naming the file, [`EngineError::BadData`] naming file and
@@ -81,7 +86,7 @@ impl Model {
         match fs::metadata(path) {
             Ok(metadata) if metadata.is_dir() && !path.join(POINT_CLOUD).exists() => Self::open_sequence(path),
             Ok(metadata) if metadata.is_dir() => Self::open_folder(path),
-            Ok(_) => Ok(Self::of_file(SplatSource::open(path)?, BLACK)),
+            Ok(_) => Ok(Self::of_file(SplatSource::open(path)?)),
             Err(source) if source.kind() == std::io::ErrorKind::NotFound => {
                 let expected = format!("a 4DGaussians folder, or splats as {KNOWN}");
                 Err(EngineError::MissingInput { path: path.to_path_buf(), expected })
@@ -90,18 +95,26 @@ impl Model {
         }
     }
 
+    /// The model in `bytes`, the content of a single file at `path`.
+    ///
+    /// # Errors
+    /// As [`Model::open`] for files.
+    pub fn parse(path: &Path, bytes: Vec<u8>) -> Result<Self, EngineError> {
+        Ok(Self::of_file(SplatSource::parse(path, bytes)?))
+    }
+
     /// A static model that no file holds yet; `name` is what it is written as.
     ///
     /// # Errors
     /// [`EngineError::BadData`] for splats that no file may hold, as when there are none.
     pub fn of_splats(name: &Path, gaussians: &Gaussians, background: [f32; 3]) -> Result<Self, EngineError> {
-        Ok(Self::of_file(SplatSource::parse(name, encode(gaussians))?, background))
+        Ok(Self { background, ..Self::parse(name, encode(gaussians))? })
     }
 
-    fn of_file(opened: Opened, background: [f32; 3]) -> Self {
+    fn of_file(opened: Opened) -> Self {
         let Opened { source, gaussians, trajectories, warnings } = opened;
         let motion = trajectories.map_or(Motion::Still, Motion::Paths);
-        Self { gaussians, motion, background, warnings, sources: vec![source], layout: Layout::Static }
+        Self { gaussians, motion, background: BLACK, warnings, sources: vec![source], layout: Layout::Static }
     }
 
     fn open_sequence(root: &Path) -> Result<Self, EngineError> {
@@ -113,7 +126,7 @@ impl Model {
     }
 
     fn open_folder(root: &Path) -> Result<Self, EngineError> {
-        let iteration = largest_iteration(root)?;
+        let iteration = largest_iteration(root, POINT_CLOUD, PLY_NAME)?;
         let folder = root.join(&iteration);
         let opened = SplatSource::open(&folder.join(PLY_NAME))?;
         if opened.trajectories.is_some() {
@@ -121,6 +134,16 @@ impl Model {
             return Err(bad_data(&folder.join(PLY_NAME), "vertex", "splats on paths of their own", expected));
         }
         let Opened { source, gaussians, mut warnings, .. } = opened;
+        if root.join(DEFORM).is_dir() {
+            let warp = largest_iteration(root, DEFORM, WARP)?;
+            let (weights, background) = open_warp(root, &warp)?;
+            let motion = Motion::Warp(Box::new(weights));
+            let layout = Layout::Folder {
+                root: root.to_path_buf(),
+                parts: vec![POINT_CLOUD.into(), iteration, DEFORM.into(), warp],
+            };
+            return Ok(Self { gaussians, motion, background, warnings, sources: vec![source], layout });
+        }
         let rows = source.rows();
         let weights_path = folder.join(DEFORMATION);
         let expected = "the deformation network of a 4DGaussians folder (a static model is given as its .ply)";
@@ -151,7 +174,7 @@ impl Model {
             background,
             warnings,
             sources: vec![source],
-            layout: Layout::Folder { root: root.to_path_buf(), iteration },
+            layout: Layout::Folder { root: root.to_path_buf(), parts: vec![POINT_CLOUD.into(), iteration] },
         })
     }
 
@@ -266,13 +289,13 @@ impl Model {
             Layout::Static => written.marked = self.sources.iter().map(name).collect(),
             Layout::Sequence { root } => {
                 written.marked = self.sources.iter().map(name).collect();
-                copy_files(root, Path::new(""), out_dir, &mut written)?;
+                copy_files(root, Path::new(""), &[], out_dir, &mut written)?;
             }
-            Layout::Folder { root, iteration } => {
-                written.marked = vec![iteration.join(PLY_NAME)];
-                for folder in [Path::new(""), Path::new(POINT_CLOUD), iteration] {
+            Layout::Folder { root, parts } => {
+                written.marked = vec![parts[1].join(PLY_NAME)];
+                for folder in std::iter::once(Path::new("")).chain(parts.iter().map(PathBuf::as_path)) {
                     create_dir(&out_dir.join(folder))?;
-                    copy_files(root, folder, out_dir, &mut written)?;
+                    copy_files(root, folder, parts, out_dir, &mut written)?;
                 }
                 written.left_out.sort();
             }
@@ -311,12 +334,12 @@ pub(super) fn list(folder: &Path) -> Result<Vec<PathBuf>, EngineError> {
     Ok(names)
 }
 
-/// `point_cloud/iteration_N` with the largest N, relative to `root`.
-fn largest_iteration(root: &Path) -> Result<PathBuf, EngineError> {
-    let folder = root.join(POINT_CLOUD);
+/// `PARENT/iteration_N` with the largest N, relative to `root`; `file` is what it should hold.
+fn largest_iteration(root: &Path, parent: &str, file: &str) -> Result<PathBuf, EngineError> {
+    let folder = root.join(parent);
     let missing = || EngineError::MissingInput {
-        path: folder.join(format!("{ITERATION}N")).join(PLY_NAME),
-        expected: "a 4DGaussians folder with a saved iteration".to_owned(),
+        path: folder.join(format!("{ITERATION}N")).join(file),
+        expected: "a trainer's folder with a saved iteration".to_owned(),
     };
     if !folder.is_dir() {
         return Err(missing());
@@ -327,7 +350,19 @@ fn largest_iteration(root: &Path) -> Result<PathBuf, EngineError> {
         folder.join(&name).is_dir().then_some((number, name))
     });
     let (_, name) = numbered.max().ok_or_else(missing)?;
-    Ok(Path::new(POINT_CLOUD).join(name))
+    Ok(Path::new(parent).join(name))
+}
+
+/// The network of a Deformable-3DGS folder in its iteration `warp`, and the background that it was trained on.
+fn open_warp(root: &Path, warp: &Path) -> Result<(WarpWeights, [f32; 3]), EngineError> {
+    let path = root.join(warp).join(WARP);
+    let PthContent::StateDict(tensors) = PthContent::open(&path)? else {
+        return Err(bad_data(&path, "root", "a bare tensor", "a state dict"));
+    };
+    let weights = WarpWeights::from_state_dict(&path, tensors)?;
+    let cfg_path = root.join(CFG_ARGS);
+    let is_white = cfg_path.exists() && has_white_background(&cfg_path, &read_file(&cfg_path, "cfg_args")?)?;
+    Ok((weights, if is_white { WHITE } else { BLACK }))
 }
 
 fn check_degree(path: &Path, config: &DeformConfig, gaussians: &Gaussians) -> Result<(), EngineError> {
@@ -361,10 +396,16 @@ fn holds_splats(name: &Path) -> bool {
 }
 
 /// Copies the regular files of `root/folder` that hold no splats.
-fn copy_files(root: &Path, folder: &Path, out_dir: &Path, written: &mut Written) -> Result<(), EngineError> {
+fn copy_files(
+    root: &Path,
+    folder: &Path,
+    used: &[PathBuf],
+    out_dir: &Path,
+    written: &mut Written,
+) -> Result<(), EngineError> {
     for name in list(&root.join(folder))? {
         let relative = folder.join(&name);
-        if written.marked.iter().any(|marked| marked.starts_with(&relative)) {
+        if written.marked.contains(&relative) || used.contains(&relative) {
             continue;
         }
         let source = root.join(&relative);

@@ -3,6 +3,7 @@
 use super::deformation::DeformationWeights;
 use super::gaussians::Gaussians;
 use super::trajectories::Trajectories;
+use super::warp::WarpWeights;
 
 /// What turns the splats of a scene into those of a moment, at a time from 0 to 1.
 #[derive(Clone, Debug, Default)]
@@ -12,6 +13,8 @@ pub enum Motion {
     Still,
     /// A `HexPlane` network (4DGaussians).
     HexPlane(Box<DeformationWeights>),
+    /// A network that changes splats after activation (Deformable-3DGS).
+    Warp(Box<WarpWeights>),
     /// A path for each splat (`SpacetimeGaussians`).
     Paths(Trajectories),
     /// Splats for each moment, as many each time, the first moment's being the scene's own; the nearest one is shown. Colours
@@ -26,7 +29,13 @@ impl Motion {
         matches!(self, Self::Still)
     }
 
-    /// The network of a scene that has one.
+    /// Whether a network moves the scene, as networks are trained on scenes of D-NeRF's kind.
+    #[must_use]
+    pub const fn is_network(&self) -> bool {
+        matches!(self, Self::HexPlane(_) | Self::Warp(_))
+    }
+
+    /// The `HexPlane` network of a scene that has one.
     #[must_use]
     pub fn network(&self) -> Option<&DeformationWeights> {
         match self {

@@ -28,7 +28,7 @@ impl Vantage {
     /// and [`Self::around`] for any other capture, which can lie anywhere.
     #[must_use]
     pub fn of(model: &Model, fov_x_rad: f64) -> Self {
-        if model.motion.network().is_some() { Self::D_NERF } else { Self::around(&model.gaussians, fov_x_rad) }
+        if model.motion.is_network() { Self::D_NERF } else { Self::around(&model.gaussians, fov_x_rad) }
     }
 
     /// So far from the middle of the splats that they fill the frame of a lens with this field of view (rad). The middle is

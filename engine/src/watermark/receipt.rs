@@ -233,15 +233,22 @@ impl Receipt {
     /// [`EngineError::MissingInput`], [`EngineError::Io`], or [`EngineError::BadData`] for anything that is
     /// not an unchanged receipt of a known version.
     pub fn read(path: &Path) -> Result<Self, EngineError> {
-        let text = fs::read_to_string(path).map_err(|source| read_error(path, source))?;
-        let receipt: Self = serde_json::from_str(&text).map_err(|error| EngineError::BadData {
+        let receipt = Self::parse(path, &fs::read(path).map_err(|source| read_error(path, source))?)?;
+        receipt.verify_commitment(path)?;
+        Ok(receipt)
+    }
+
+    /// Parses `json`, which came from `path`; whether it is unchanged, [`Receipt::verify_commitment`] says.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] naming line and column.
+    pub fn parse(path: &Path, json: &[u8]) -> Result<Self, EngineError> {
+        serde_json::from_slice(json).map_err(|error| EngineError::BadData {
             path: path.to_path_buf(),
             field: format!("line {}, column {}", error.line(), error.column()),
             got: error.to_string(),
             expected: "a guard4d.receipt/1".to_owned(),
-        })?;
-        receipt.verify_commitment(path)?;
-        Ok(receipt)
+        })
     }
 
     /// Writes the receipt as indented JSON; never over an existing file.

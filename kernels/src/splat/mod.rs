@@ -8,6 +8,7 @@ pub mod rasterize;
 pub mod sh;
 pub mod tile_bin;
 pub mod trajectory;
+pub mod warp;
 
 use crate::shape::OffsetBases;
 

@@ -9,3 +9,4 @@ mod scene;
 mod sh;
 mod tile_bin;
 mod trajectory;
+mod warp;

@@ -145,3 +145,27 @@ fn poison_and_huge_splats_never_reach_the_lists_as_numbers_that_are_not() {
         assert_ne!(read.keys[i], u32::MAX, "splat {i} is drawn: zero quaternion, huge, needle, point");
     }
 }
+
+#[test]
+fn quaternions_keep_their_length_where_the_scales_say_so() {
+    let Some(gpu) = device() else { return };
+    // Twice a unit along w has the matrix of the unit; a component beside it has not.
+    let mut scene = axis_aligned(&[[0.0, 0.0, 2.0, 0.0], [0.3, 0.1, 2.5, 0.0]], 0.1);
+    scene.scales[0] = 0.3f32.ln();
+    scene.scales[4] = 0.3f32.ln();
+    scene.quats = vec![1.6, 0.2, 0.4, 0.3].repeat(2);
+    let unit = run(&gpu, &scene, &straight_view());
+    scene.scales[3] = 1.0;
+    scene.scales[7] = 1.0;
+    let kept = run(&gpu, &scene, &straight_view());
+    let want = scene.project::<f64>(&straight_view());
+    for (row, splat) in want.iter().enumerate() {
+        let splat = splat.as_ref().expect("seen");
+        let conic = [kept.geom[8 * row + 2], kept.geom[8 * row + 3], kept.geom[8 * row + 4]];
+        // Stored times -log2(e)/2, the second twice that.
+        let got = [conic[0] / -0.5 / LOG2_E, conic[1] / -LOG2_E, conic[2] / -0.5 / LOG2_E].map(f64::from);
+        let close = got.iter().zip(splat.conic).all(|(g, w)| (g - w).abs() < 1e-5 * splat.conic[0].abs());
+        assert!(close, "splat {row}: {got:?} against {:?}", splat.conic);
+    }
+    assert!(kept.geom.iter().zip(&unit.geom).any(|(a, b)| (a - b).abs() > 1e-3), "another ellipse than the unit's");
+}

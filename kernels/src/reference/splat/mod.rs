@@ -8,3 +8,4 @@ pub mod rasterize;
 pub mod sh;
 pub mod tile_bin;
 pub mod trajectory;
+pub mod warp;

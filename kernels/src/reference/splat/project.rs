@@ -55,7 +55,8 @@ fn rotation<R: Real>(q: [R; 4]) -> [[R; 3]; 3] {
 
 /// Projected covariance xx, xy, yy before the blur (Zwicker et al. 2001).
 fn covariance<R: Real>(view: &View<R>, p: [R; 3], scale: &[R], quat: &[R]) -> [R; 3] {
-    let turn = rotation(normalize([quat[0], quat[1], quat[2], quat[3]]));
+    let quat = [quat[0], quat[1], quat[2], quat[3]];
+    let turn = rotation(if scale[3] == R::of(0.0) { normalize(quat) } else { quat });
     let mut rows = [[R::of(0.0); 3]; 2];
     for axis in 0..2 {
         let limit = R::of(FRUSTUM_MARGIN * 0.5 * view.size[axis] as f64) / view.focal[axis];

@@ -1,0 +1,10 @@
+//! SPZ.
+#![no_main]
+
+use std::path::Path;
+
+use guard4d_engine::scene::Model;
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| {
+    let _ = Model::parse(Path::new("scene.spz"), data.to_vec());
+});
