@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use guard4d_engine::EngineError;
-use guard4d_engine::media::encode::{EncodeOptions, write_mp4};
+use guard4d_engine::media::encode::{EncodeOptions, write_video};
 use guard4d_engine::media::{Frame, ReadOptions};
 use guard4d_engine::output::Existing;
 use guard4d_engine::render::OffsetBases;
@@ -307,7 +307,7 @@ fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
         let model = Model::open(&out.join(MARKED)).expect("the marked model opens");
         let frames: Vec<Frame> = clean_clips(gpu, &model, &cameras()).expect("renders").concat();
         suspects.push(out.join("marked.mp4"));
-        write_mp4(&suspects[1], &frames, &EncodeOptions::default()).expect("encodes");
+        write_video(&suspects[1], &frames, &EncodeOptions::default()).expect("encodes");
     }
     for path in suspects {
         let exhibits = Exhibits { suspects: vec![path.clone()], ..Exhibits::default() };
