@@ -44,7 +44,7 @@ pub(super) struct Rigged {
 }
 
 impl Rigged {
-    fn get(gpu: &Gpu) -> &'static Self {
+    pub(super) fn get(gpu: &Gpu) -> &'static Self {
         static RIGGED: OnceLock<Rigged> = OnceLock::new();
         RIGGED.get_or_init(|| Self::new(gpu, "random", BITS))
     }
@@ -86,15 +86,26 @@ impl Rigged {
 
     /// Reads the suspect clip with `key`, and the controls that `more` names.
     pub(super) fn verify_with(&self, key: &Path, more: &[&dyn AsRef<OsStr>]) -> Run {
-        let (suspect, receipt) = (self.file("suspect"), self.file("private").join(RECEIPT));
-        let args: [&dyn AsRef<OsStr>; 6] = [&"verify", &suspect, &"--key", &key, &"--receipt", &receipt];
+        self.verify_film(&self.file("suspect"), key, more)
+    }
+
+    /// Reads any film with `key`.
+    pub(super) fn verify_film(&self, film: &Path, key: &Path, more: &[&dyn AsRef<OsStr>]) -> Run {
+        let receipt = self.file("private").join(RECEIPT);
+        let args: [&dyn AsRef<OsStr>; 6] = [&"verify", &film, &"--key", &key, &"--receipt", &receipt];
         guard4d(&[&args[..], more].concat())
     }
 
-    /// The same with the owner's key, as JSON.
+    /// The suspect clip with the owner's key, as JSON.
     #[track_caller]
     pub(super) fn verify(&self, code: i32, more: &[&dyn AsRef<OsStr>]) -> Value {
-        let run = self.verify_with(&self.file("owner.key"), &[more, &[&"--json"]].concat());
+        self.judge(&self.file("suspect"), code, more)
+    }
+
+    /// Any film with the owner's key, as JSON.
+    #[track_caller]
+    pub(super) fn judge(&self, film: &Path, code: i32, more: &[&dyn AsRef<OsStr>]) -> Value {
+        let run = self.verify_film(film, &self.file("owner.key"), &[more, &[&"--json"]].concat());
         assert_eq!(run.code, code, "{}{}", run.stdout, run.stderr);
         serde_json::from_str(&run.stdout).expect("JSON on stdout")
     }

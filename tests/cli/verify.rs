@@ -47,7 +47,7 @@ fn clips_that_are_no_clips_are_refused() {
     verify(owner, &folder.path().join("nowhere"), &[]).refused(66, &["nowhere: not found"]);
     let empty = folder.path().join("empty");
     put(&empty, "notes.txt", b"no frames");
-    let words = ["empty: frames: no .png file", "at least one"];
+    let words = ["empty: frames: no .png, .jpg or .exr file", "at least one"];
     verify(owner, &empty, &[]).refused(65, &words);
     verify(owner, &owner.join("out/preview"), &[&"--unrelated", &empty]).refused(65, &words);
     let mixed = folder.path().join("mixed");

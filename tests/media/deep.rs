@@ -27,11 +27,11 @@ fn video_of_ten_bits_is_rounded_to_eight() {
     let frames: Vec<_> = (0..4).map(|t| smooth(96, 64, t)).collect();
     let input = pngs(folder.path(), &frames);
     let to_video = "scale=out_color_matrix=bt709:out_range=tv:flags=accurate_rnd+full_chroma_int";
-    // Measured 50 dB or more without chroma loss and 46 dB with it; 10 bits taken for 8, or another matrix, leave below 30.
+    // Measured 52 dB after H.265, 54 after VP9, and nothing lost without a lossy codec; another matrix leaves 29.
     for (name, arguments, least_db) in [
-        ("h265.mkv", "-c:v libx265 -x265-params log-level=error -crf 8 -pix_fmt yuv420p10le", 42.0),
-        ("yuv444.mkv", "-c:v ffv1 -pix_fmt yuv444p10le", 48.0),
-        ("vp9.webm", "-c:v libvpx-vp9 -profile:v 2 -crf 8 -b:v 0 -pix_fmt yuv420p10le", 42.0),
+        ("h265.mkv", "-c:v libx265 -x265-params log-level=error -crf 8 -pix_fmt yuv420p10le", 48.0),
+        ("yuv444.mkv", "-c:v ffv1 -pix_fmt yuv444p10le", 60.0),
+        ("vp9.webm", "-c:v libvpx-vp9 -profile:v 2 -crf 8 -b:v 0 -pix_fmt yuv420p10le", 48.0),
     ] {
         let path = folder.path().join(name);
         let tags = "-colorspace bt709 -color_primaries bt709 -color_trc bt709 -color_range tv";
@@ -43,9 +43,7 @@ fn video_of_ten_bits_is_rounded_to_eight() {
     let path = folder.path().join("rgb.mkv");
     ffmpeg(&format!("-i {input} -c:v ffv1 -pix_fmt gbrp10le"), &path);
     let clip = read(&path);
-    let off = clip.frames().iter().zip(&frames).flat_map(|(a, b)| a.rgb().iter().zip(b.rgb()));
-    assert!(off.map(|(a, b)| a.abs_diff(*b)).max() <= Some(1), "RGB of 10 bits");
-    assert_eq!(clip.digest(), read(&path).digest(), "decoding adds no noise");
+    assert_eq!(clip.frames(), frames, "RGB of 10 bits");
 }
 
 #[test]
@@ -91,7 +89,7 @@ fn jpeg_folders_are_read_in_natural_order() {
     fs::rename(jpegs.join("frame_3.jpg"), jpegs.join("frame_3.JPEG")).expect("the folder is writable");
     let clip = read(&jpegs);
     assert_eq!(clip.frames().len(), 11, "frames");
-    // Measured 45 dB at that quality; the neighbouring frame, seven columns further, is at 17 dB.
+    // Measured 47 dB at that quality; the neighbouring frame, seven columns further, is at 26 dB.
     for (i, (got, want)) in clip.frames().iter().zip(&frames).enumerate() {
         let db = psnr(std::slice::from_ref(got), std::slice::from_ref(want));
         assert!(db > 38.0, "frame {i}: {db} dB");
