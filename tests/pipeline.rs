@@ -313,6 +313,13 @@ fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
         let exhibits = Exhibits { suspects: vec![path.clone()], ..Exhibits::default() };
         let report = case.verify(&exhibits, &ReadOptions::default()).expect("verifies");
         assert_eq!(report.frames, 2, "frames of {}", path.display());
+        let mut seen = Vec::new();
+        let stopped = case.verify_watched(&exhibits, &ReadOptions::default(), &mut |progress| {
+            seen.push((progress.frames, progress.expected, progress.path == path));
+            if progress.frames == 2 { Err(EngineError::Stopped) } else { Ok(()) }
+        });
+        assert!(matches!(stopped, Err(EngineError::Stopped)), "whoever watches may stop");
+        assert_eq!(seen, [(1, Some(2), true), (2, Some(2), true)], "frames as they are read");
         let exact = match report.evidence.p_value {
             PStatement::Searched { .. } => panic!("nothing was searched"),
             PStatement::Exact { matches, soft_score } => {

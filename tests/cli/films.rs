@@ -9,6 +9,9 @@ use super::{Run, command, guard4d, names, put, scratch};
 use crate::media::ffmpeg;
 use crate::support::gpu::device;
 
+/// How far a film's logits are from zero, so that what resampling and codecs do to its features is less.
+const CLEAR_MARGIN: f32 = 0.6;
+
 /// The marked film of 64 px put into a larger frame, without loss.
 fn framed(rigged: &Rigged, folder: &Path, name: &str, filter: &str) -> PathBuf {
     let film = folder.join(name);
@@ -60,6 +63,44 @@ fn a_marked_film_is_found_between_bars_and_in_a_known_part() {
     rigged
         .verify_film(&letterbox, &rigged.file("owner.key"), &[&"--crop", &"0,40,64,64"])
         .refused(2, &["part of a frame: 64 x 64 px at (0, 40)", "a part of 64 x 96 px"]);
+}
+
+/// What happens to films on their way: enlarged, stretched, put between bars and coded with loss.
+#[test]
+fn a_marked_film_is_found_after_resizing_bars_and_lossy_codecs() {
+    let Some(gpu) = device() else { return };
+    if !crate::support::has_ffmpeg() {
+        return;
+    }
+    let (rigged, folder) = (Rigged::with_margin(&gpu, "random", 16, CLEAR_MARGIN), scratch());
+    let frames = rigged.file("suspect");
+    let copy = |name: &str, filter: &str, codec: &str| {
+        let film = folder.path().join(name);
+        let tags = "-colorspace bt709 -color_primaries bt709 -color_trc bt709 -color_range tv";
+        let matrix = "scale=out_color_matrix=bt709:out_range=tv";
+        ffmpeg(&format!("-i {}/%05d.png -vf {filter},{matrix} {codec} {tags}", frames.display()), &film);
+        film
+    };
+    let h264 = "-c:v libx264 -crf 18 -pix_fmt yuv420p";
+    let vp9 = "-c:v libvpx-vp9 -crf 24 -b:v 0 -pix_fmt yuv420p";
+    let enlarged = copy("enlarged.mp4", "scale=200:200:flags=bicubic", h264);
+    let stretched = copy("stretched.webm", "scale=320:180:flags=bicubic", vp9);
+    let letterbox = copy("letterbox.mp4", "scale=160:160:flags=bicubic,pad=160:240:0:40:color=0x206040", h264);
+    // Exact, for a verdict alone would be weak: an extractor of such margins calls other films of this scene present, too.
+    let exact = |film: &Path, more: &[&dyn AsRef<std::ffi::OsStr>]| {
+        let report = rigged.judge(film, 0, more);
+        assert_eq!(report["clips"][0]["matches"], 16, "{}", film.display());
+        report["clips"][0]["cut"].clone()
+    };
+    exact(&enlarged, &[]);
+    exact(&stretched, &[]);
+    exact(&stretched, &[&"--picture-size", &"180x180"]);
+    let cut = exact(&letterbox, &[&"--crop", &"auto"]);
+    let want = serde_json::json!({ "x": 0, "y": 40, "width": 160, "height": 160 });
+    assert_eq!(cut, want, "bars are found to the line");
+    let uncut = rigged.verify_film(&letterbox, &rigged.file("owner.key"), &[&"--json"]);
+    let report: serde_json::Value = serde_json::from_str(&uncut.stdout).expect("JSON on stdout");
+    assert!(report["clips"][0]["matches"].as_u64() < Some(16), "bars hide some of the mark: {report}");
 }
 
 #[test]
