@@ -8,7 +8,7 @@ use guard4d_engine::EngineError;
 use guard4d_engine::clip::ClipSource;
 use guard4d_engine::demo::{self, BITS, Scene};
 use guard4d_engine::media::Frame;
-use guard4d_engine::media::encode::{EncodeOptions, write_mp4};
+use guard4d_engine::media::encode::{EncodeOptions, write_video};
 use guard4d_engine::media::frames::write_png_folder;
 use guard4d_engine::output::{AtomicDir, Existing};
 use guard4d_engine::scene::{CameraSet, Model};
@@ -147,7 +147,7 @@ fn shoot(delivery: &Delivery<'_>, cameras: &CameraSet, out: &Path) -> Result<Fil
         let frames = clips.concat();
         write_png_folder(&out.join(name), &frames)?;
         let options = EncodeOptions { ffmpeg: ffmpeg(), ..EncodeOptions::default() };
-        write_mp4(&out.join(video), &frames, &options)?;
+        write_video(&out.join(video), &frames, &options)?;
     }
     Ok(Film { evaluation, marked, clean })
 }

@@ -5,7 +5,8 @@ use std::num::NonZeroU32;
 use guard4d_engine::EngineError;
 use guard4d_engine::media::Frame;
 use guard4d_engine::media::clip::FrameRate;
-use guard4d_engine::media::encode::{EncodeOptions, Mp4Writer};
+use guard4d_engine::media::codec::Container;
+use guard4d_engine::media::encode::{EncodeOptions, VideoWriter};
 use guard4d_engine::media::frames::{png_name, write_png};
 use guard4d_engine::output::{AtomicDir, Existing};
 
@@ -19,7 +20,7 @@ pub(crate) fn write(
     shoot: impl FnOnce(&mut dyn FnMut(Frame) -> Result<(), EngineError>) -> Result<(), EngineError>,
 ) -> Result<(), EngineError> {
     let existing = if args.overwrite { Existing::Replace } else { Existing::Refuse };
-    if args.out.extension().is_some_and(|e| e == "mp4") {
+    if Container::of(&args.out).is_some() {
         let fps = NonZeroU32::new(args.fps).ok_or_else(|| EngineError::Usage {
             what: "--fps".to_owned(),
             got: "0".to_owned(),
@@ -28,13 +29,22 @@ pub(crate) fn write(
         let options = EncodeOptions {
             ffmpeg: ffmpeg(),
             frame_rate: FrameRate::per_second(fps),
+            codec: args.codec,
             crf: args.crf,
             existing,
             ..EncodeOptions::default()
         };
-        let mut writer = Mp4Writer::start(&args.out, size, &options)?;
+        let mut writer = VideoWriter::start(&args.out, size, &options)?;
         shoot(&mut |frame| writer.push(&frame))?;
         return writer.finish();
+    }
+    // A folder has no codec; whoever names one meant a video, and the extension is wrong.
+    if let Some(codec) = args.codec {
+        return Err(EngineError::Usage {
+            what: "--codec".to_owned(),
+            got: format!("{codec} for a folder"),
+            expected: "--out with .mp4, .mov, .mkv or .webm".to_owned(),
+        });
     }
     let folder = AtomicDir::create(&args.out, existing)?;
     let mut number = 0;

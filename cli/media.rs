@@ -3,6 +3,8 @@
 use guard4d_engine::media::ReadOptions;
 use guard4d_engine::media::ffmpeg::Ffmpeg;
 
+use crate::args::FrameArgs;
+
 /// ffmpeg and ffprobe, as the environment names them or from the search path.
 pub(crate) fn ffmpeg() -> Ffmpeg {
     let default = Ffmpeg::default();
@@ -12,7 +14,13 @@ pub(crate) fn ffmpeg() -> Ffmpeg {
     }
 }
 
-/// How clips are read.
+/// How whole clips are read.
 pub(crate) fn read_options() -> ReadOptions {
     ReadOptions { ffmpeg: ffmpeg(), ..ReadOptions::default() }
+}
+
+/// How the frames that are asked for are read.
+pub(crate) fn read_some(frames: &FrameArgs) -> ReadOptions {
+    let FrameArgs { start, every, max_frames } = *frames;
+    ReadOptions { start, every, max_frames, ..read_options() }
 }

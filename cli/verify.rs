@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use guard4d_engine::EngineError;
 use guard4d_engine::clip::ClipSource;
+use guard4d_engine::media::ReadOptions;
+use guard4d_engine::media::framing::Rect;
 use guard4d_engine::scene::Model;
 use guard4d_engine::watermark::evidence::{PStatement, Verdict};
 use guard4d_engine::watermark::general::GeneralExtractor;
@@ -11,12 +13,13 @@ use guard4d_engine::watermark::id_code::{IdBits, SearchedP};
 use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::other_keys::OtherKeys;
 use guard4d_engine::watermark::verify::{
-    Case, ClipReading, Exhibits, IdEvidence, Report, Sought, Stranger, clean_clips,
+    Case, ClipReading, Exhibits, IdEvidence, Progress, Report, Sought, Stranger, clean_clips,
 };
 
 use crate::args::{Common, VerifyArgs};
 use crate::devices;
-use crate::media::read_options;
+use crate::media::read_some;
+use crate::progress::bar;
 use crate::report::{Outcome, Row, evidence_in_words, percent, print, table};
 use crate::views::cameras;
 
@@ -38,7 +41,17 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
     let general = args.general.as_deref().map(GeneralExtractor::read).transpose()?;
     let (receipt, general) = (&args.receipt, general.as_ref());
     let case = Case { device: &device, clip: &clip, key: &key, sought, receipt, general };
-    let report = case.verify(&exhibits, &read_options())?;
+    let options = ReadOptions { framing: args.framing.framing(), ..read_some(&args.frames) };
+    let progress = bar(common, 0);
+    let report = case.verify_watched(&exhibits, &options, &mut |Progress { path, frames, expected }| {
+        progress.set_length(expected.unwrap_or(frames).max(frames));
+        progress.set_position(frames);
+        if frames == 1 {
+            progress.set_message(path.display().to_string());
+        }
+        Ok(())
+    })?;
+    progress.finish_and_clear();
     print(common, &report, human)?;
     Ok(outcome(&report))
 }
@@ -69,6 +82,7 @@ pub(crate) fn human(report: &Report) -> String {
     if report.clips.len() > 1 {
         rows.extend(report.clips.iter().map(|clip| ("clip", clip_in_words(clip, e.num_bits))));
     }
+    rows.extend(report.clips.iter().filter_map(cut_row));
     for control in &e.panel.supplied {
         rows.push((
             "control",
@@ -124,6 +138,11 @@ fn clip_in_words(clip: &ClipReading, num_bits: u32) -> String {
     let id = clip.id.map(|id| format!(", id {id}")).unwrap_or_default();
     let ClipReading { name, matches, exact, .. } = clip;
     format!("{name}: {matches} of {num_bits} match, recovered exactly: {}{id}", yes_or_no(*exact))
+}
+
+fn cut_row(clip: &ClipReading) -> Option<Row> {
+    let Rect { x, y, width, height } = clip.cut?;
+    Some(("cut to", format!("{width} x {height} px at ({x}, {y}): {}", clip.name)))
 }
 
 fn yes_or_no(answer: bool) -> &'static str {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use guard4d_engine::EngineError;
-use guard4d_engine::media::encode::{EncodeOptions, write_mp4};
+use guard4d_engine::media::encode::{EncodeOptions, write_video};
 use guard4d_engine::media::{Frame, ReadOptions};
 use guard4d_engine::output::Existing;
 use guard4d_engine::render::OffsetBases;
@@ -307,12 +307,19 @@ fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
         let model = Model::open(&out.join(MARKED)).expect("the marked model opens");
         let frames: Vec<Frame> = clean_clips(gpu, &model, &cameras()).expect("renders").concat();
         suspects.push(out.join("marked.mp4"));
-        write_mp4(&suspects[1], &frames, &EncodeOptions::default()).expect("encodes");
+        write_video(&suspects[1], &frames, &EncodeOptions::default()).expect("encodes");
     }
     for path in suspects {
         let exhibits = Exhibits { suspects: vec![path.clone()], ..Exhibits::default() };
         let report = case.verify(&exhibits, &ReadOptions::default()).expect("verifies");
         assert_eq!(report.frames, 2, "frames of {}", path.display());
+        let mut seen = Vec::new();
+        let stopped = case.verify_watched(&exhibits, &ReadOptions::default(), &mut |progress| {
+            seen.push((progress.frames, progress.expected, progress.path == path));
+            if progress.frames == 2 { Err(EngineError::Stopped) } else { Ok(()) }
+        });
+        assert!(matches!(stopped, Err(EngineError::Stopped)), "whoever watches may stop");
+        assert_eq!(seen, [(1, Some(2), true), (2, Some(2), true)], "frames as they are read");
         let exact = match report.evidence.p_value {
             PStatement::Searched { .. } => panic!("nothing was searched"),
             PStatement::Exact { matches, soft_score } => {

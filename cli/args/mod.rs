@@ -1,6 +1,7 @@
 //! The command line: one type per subcommand, one doc comment per flag.
 
 mod convert;
+mod film;
 mod pretrain;
 mod study;
 
@@ -15,6 +16,7 @@ use guard4d_engine::watermark::embed::Control;
 use guard4d_kernels::{DeviceSelect, FamilySelect};
 
 pub(crate) use self::convert::ConvertArgs;
+pub(crate) use self::film::{FilmArgs, FrameArgs, FramingArgs};
 pub(crate) use self::pretrain::PretrainArgs;
 pub(crate) use self::study::{StudyArgs, StudyPart};
 
@@ -434,9 +436,13 @@ pub(crate) struct EmbedArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct VerifyArgs {
-    /// PNG folders or video files; too few frames in all, such as a single one, end inconclusive
+    /// Folders of PNG, JPEG or OpenEXR frames, or video files; too few frames in all, such as a single one, end inconclusive
     #[arg(required = true)]
     pub(crate) clips: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) frames: FrameArgs,
+    #[command(flatten)]
+    pub(crate) framing: FramingArgs,
     /// Owner key
     #[arg(long)]
     pub(crate) key: PathBuf,
@@ -479,27 +485,12 @@ pub(crate) struct RenderArgs {
     pub(crate) film: FilmArgs,
 }
 
-/// Where frames go.
-#[derive(Args, Debug)]
-pub(crate) struct FilmArgs {
-    /// Folder for PNG frames, or a .mp4 file
-    #[arg(long)]
-    pub(crate) out: PathBuf,
-    /// Frames per second of a video
-    #[arg(long, default_value_t = 24)]
-    pub(crate) fps: u32,
-    /// H.264 quality of a video: 0 best, 51 worst
-    #[arg(long, default_value_t = 12)]
-    pub(crate) crf: u8,
-    /// Replace what is there
-    #[arg(short = 'w', long)]
-    pub(crate) overwrite: bool,
-}
-
 #[derive(Args, Debug)]
 pub(crate) struct AttackArgs {
-    /// PNG folder or video file
+    /// Folder of PNG, JPEG or OpenEXR frames, or video file
     pub(crate) clip: PathBuf,
+    #[command(flatten)]
+    pub(crate) frames: FrameArgs,
     /// What to do to every frame, one after the other, each with a rounding to 8 bits: NAME:STRENGTH
     ///
     /// noise (standard deviation, colours being in [0, 1]), rotation (degrees, black outside), rescale (share of each side, and

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use glam::DVec3;
 use guard4d_engine::media::Frame;
-use guard4d_engine::media::clip::{ReadOptions, read_clip};
+use guard4d_engine::media::clip::read_clip;
+use guard4d_engine::media::source::ReadOptions;
 use guard4d_engine::scene::ply;
 
 use super::{guard4d, put, scratch};

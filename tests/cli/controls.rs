@@ -33,7 +33,7 @@ const BITS: u32 = 16;
 /// The suspect clip, and what an original is rendered like: enough frames for a verdict.
 const VIEWS: [&str; 6] = ["--orbit", "1", "--frames", "8", "--size", "64x64"];
 /// How far the suspect clip's logits are from zero.
-const MARGIN: f32 = 0.01;
+pub(super) const MARGIN: f32 = 0.01;
 
 /// An owner whose extractor reads the key's own message from one rendered clip.
 ///
@@ -44,13 +44,18 @@ pub(super) struct Rigged {
 }
 
 impl Rigged {
-    fn get(gpu: &Gpu) -> &'static Self {
+    pub(super) fn get(gpu: &Gpu) -> &'static Self {
         static RIGGED: OnceLock<Rigged> = OnceLock::new();
         RIGGED.get_or_init(|| Self::new(gpu, "random", BITS))
     }
 
     /// Of a key of `bits` bits, saying `message` as the command line names it.
     pub(super) fn new(gpu: &Gpu, message: &str, bits: u32) -> Self {
+        Self::with_margin(gpu, message, bits, MARGIN)
+    }
+
+    /// The same with the suspect clip's logits `margin` from zero.
+    pub(super) fn with_margin(gpu: &Gpu, message: &str, bits: u32, margin: f32) -> Self {
         let rigged = Self { folder: scratch(), original: Scene::unpack().expect("the scene unpacks") };
         let clip = Clip::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
         let key_path =
@@ -67,7 +72,7 @@ impl Rigged {
         let frames = read_clip(&suspect, &ReadOptions::default()).expect("our own frames");
         let payload = Payload::parse(message, bits).expect("a message");
         let message = payload.message(&key.prf()).expect("a length");
-        let extractor = rig(gpu, (&clip, &key), frames.frames(), &message);
+        let extractor = rig(gpu, (&clip, &key), frames.frames(), &message, margin);
         fs::create_dir(rigged.file("private")).expect("writable");
         extractor.write(&rigged.file("private").join(EXTRACTOR), &key, Existing::Refuse).expect("writable");
         let promise = Promise { payload: payload.id_bits(), ..promise(&key, &message, &extractor) };
@@ -86,15 +91,26 @@ impl Rigged {
 
     /// Reads the suspect clip with `key`, and the controls that `more` names.
     pub(super) fn verify_with(&self, key: &Path, more: &[&dyn AsRef<OsStr>]) -> Run {
-        let (suspect, receipt) = (self.file("suspect"), self.file("private").join(RECEIPT));
-        let args: [&dyn AsRef<OsStr>; 6] = [&"verify", &suspect, &"--key", &key, &"--receipt", &receipt];
+        self.verify_film(&self.file("suspect"), key, more)
+    }
+
+    /// Reads any film with `key`.
+    pub(super) fn verify_film(&self, film: &Path, key: &Path, more: &[&dyn AsRef<OsStr>]) -> Run {
+        let receipt = self.file("private").join(RECEIPT);
+        let args: [&dyn AsRef<OsStr>; 6] = [&"verify", &film, &"--key", &key, &"--receipt", &receipt];
         guard4d(&[&args[..], more].concat())
     }
 
-    /// The same with the owner's key, as JSON.
+    /// The suspect clip with the owner's key, as JSON.
     #[track_caller]
     pub(super) fn verify(&self, code: i32, more: &[&dyn AsRef<OsStr>]) -> Value {
-        let run = self.verify_with(&self.file("owner.key"), &[more, &[&"--json"]].concat());
+        self.judge(&self.file("suspect"), code, more)
+    }
+
+    /// Any film with the owner's key, as JSON.
+    #[track_caller]
+    pub(super) fn judge(&self, film: &Path, code: i32, more: &[&dyn AsRef<OsStr>]) -> Value {
+        let run = self.verify_film(film, &self.file("owner.key"), &[more, &[&"--json"]].concat());
         assert_eq!(run.code, code, "{}{}", run.stdout, run.stderr);
         serde_json::from_str(&run.stdout).expect("JSON on stdout")
     }
@@ -130,8 +146,14 @@ pub(super) fn views() -> [&'static dyn AsRef<OsStr>; 6] {
     VIEWS.each_ref().map(|word| word as &dyn AsRef<OsStr>)
 }
 
-/// Random directions, and zeros that make `frames` say `message`.
-pub(super) fn rig(gpu: &Gpu, (clip, key): (&Clip, &Key), frames: &[Frame], message: &Message) -> ExtractorWeights {
+/// Random directions, and zeros that make `frames` say `message` by a margin.
+pub(super) fn rig(
+    gpu: &Gpu,
+    (clip, key): (&Clip, &Key),
+    frames: &[Frame],
+    message: &Message,
+    margin: f32,
+) -> ExtractorWeights {
     let width = key.text_mean.len();
     let mut extractor = ExtractorWeights {
         mode: ExtractorMode::Blind,
@@ -146,7 +168,7 @@ pub(super) fn rig(gpu: &Gpu, (clip, key): (&Clip, &Key), frames: &[Frame], messa
     let logits = Reader::new(gpu, clip, key, &extractor).and_then(|mut r| r.logits(frames)).expect("reads");
     for (bit, (zero, wanted)) in extractor.calibration.mean_logits.iter_mut().zip(message.bits()).enumerate() {
         let sum: f32 = logits.iter().skip(bit).step_by(key.bits()).sum();
-        *zero = sum / frames.len() as f32 - if wanted { MARGIN } else { -MARGIN };
+        *zero = sum / frames.len() as f32 - if wanted { margin } else { -margin };
     }
     extractor
 }

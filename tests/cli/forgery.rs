@@ -13,7 +13,7 @@ use guard4d_engine::watermark::extractor::ExtractorWeights;
 use guard4d_engine::watermark::receipt::{Promise, Receipt, ReceiptBody};
 use tempfile::TempDir;
 
-use super::controls::{promise, rig, views};
+use super::controls::{MARGIN, promise, rig, views};
 use super::{Run, guard4d, scratch};
 use crate::support::gpu::{Gpu, device};
 use crate::support::owner::Owner;
@@ -95,7 +95,7 @@ fn an_extractor_from_after_the_receipt_is_refused_under_any_name() {
         .refused(65, &["extractor.safetensors: calibration.directions", "those of the general extractor"]);
     // Without a network the zeros of the calibration can be set so that the clip says anything: the hash tells.
     let Owner { clip, key, message, .. } = &scandal.owner;
-    let zeros = rig(&gpu, (clip, key), &scandal.frames, message);
+    let zeros = rig(&gpu, (clip, key), &scandal.frames, message, MARGIN);
     scandal
         .verify(&scandal.put("zeros-before", &zeros, scandal.promise(&honest)), &[])
         .refused(65, &["extractor.safetensors: hash", "as committed in the receipt"]);
@@ -149,7 +149,7 @@ fn zeros_that_were_set_afterwards_are_refuted_by_the_calendar_alone_and_the_repo
     let Some(gpu) = device() else { return };
     let scandal = Scandal::get(&gpu);
     let Owner { clip, key, message, .. } = &scandal.owner;
-    let zeros = rig(&gpu, (clip, key), &scandal.frames, message);
+    let zeros = rig(&gpu, (clip, key), &scandal.frames, message, MARGIN);
     let folder = scandal.put("zeros", &zeros, scandal.promise(&zeros));
     let run = scandal.verify(&folder, &[]);
     // Sealed after the clip was seen, every file is in order. This is why a receipt wants a date from somebody else.

@@ -7,6 +7,7 @@ mod demo;
 mod devices;
 mod dump;
 mod embed;
+mod films;
 mod forgery;
 mod ids;
 mod inputs;

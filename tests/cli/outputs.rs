@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
 use guard4d_engine::clip::{Clip, ClipSource};
-use guard4d_engine::media::clip::{ReadOptions, read_clip};
+use guard4d_engine::media::{ReadOptions, read_clip};
 use guard4d_engine::scene::ply;
 
 use super::{Run, command, guard4d, interrupted, is_begun, names, put, scratch};

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use guard4d_engine::media::Frame;
-use guard4d_engine::media::encode::{EncodeOptions, write_mp4};
+use guard4d_engine::media::encode::{EncodeOptions, write_video};
 use guard4d_engine::media::frames::{write_png, write_png_folder};
 use guard4d_engine::tensor_file::TensorFile;
 
@@ -47,7 +47,7 @@ fn clips_that_are_no_clips_are_refused() {
     verify(owner, &folder.path().join("nowhere"), &[]).refused(66, &["nowhere: not found"]);
     let empty = folder.path().join("empty");
     put(&empty, "notes.txt", b"no frames");
-    let words = ["empty: frames: no .png file", "at least one"];
+    let words = ["empty: frames: no .png, .jpg or .exr file", "at least one"];
     verify(owner, &empty, &[]).refused(65, &words);
     verify(owner, &owner.join("out/preview"), &[&"--unrelated", &empty]).refused(65, &words);
     let mixed = folder.path().join("mixed");
@@ -128,7 +128,7 @@ fn grey(width: u32, height: u32, level: u8) -> Frame {
 fn video(folder: &Path, name: &str, (width, height): (u32, u32), frames: u8) -> PathBuf {
     let path = folder.join(name);
     let frames: Vec<Frame> = (0..frames).map(|level| grey(width, height, level)).collect();
-    write_mp4(&path, &frames, &EncodeOptions::default()).expect("encodes");
+    write_video(&path, &frames, &EncodeOptions::default()).expect("encodes");
     path
 }
 

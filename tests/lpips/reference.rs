@@ -5,7 +5,8 @@ use std::path::Path;
 
 use guard4d_engine::lpips::{Lpips, LpipsInput, size_of_frame};
 use guard4d_engine::media::Frame;
-use guard4d_engine::media::frames::read_png;
+use guard4d_engine::media::ffmpeg::Ffmpeg;
+use guard4d_engine::media::folder::read_picture;
 use serde_json::Value;
 
 use super::value_and_gradient;
@@ -20,7 +21,7 @@ const GRADIENT_RTOL: f32 = 1e-3;
 
 fn picture(folder: &Path, case: &Value, name: &str) -> Frame {
     let file = case[name].as_str().expect("a file name");
-    read_png(&folder.join(file), [0; 3]).expect("a picture")
+    read_picture(&folder.join(file), [0; 3], &Ffmpeg::default()).expect("a picture")
 }
 
 fn number(value: &Value) -> f32 {
@@ -85,7 +86,7 @@ fn odd_sizes_agree_with_the_reference() {
     let (Some(gpu), Some(path)) = (device(), shared("weights/lpips/fixtures/reference.json")) else { return };
     let folder = path.parent().expect("a folder above");
     let all: Value = serde_json::from_slice(&fs::read(&path).expect("readable")).expect("JSON");
-    let read = |name: &str| read_png(&folder.join(name), [0; 3]).expect("a picture");
+    let read = |name: &str| read_picture(&folder.join(name), [0; 3], &Ffmpeg::default()).expect("a picture");
     let weights = folder.with_file_name("lpips_vgg16_f16.safetensors");
     let net = Lpips::load(&gpu, &weights, LpipsInput::Canonical).expect("loads");
     let [apple, pear] = ["apple.png", "pear.png"].map(|name| resampled(&read(name), 53, 37));

@@ -1,11 +1,13 @@
-//! PNG folders and rounding.
+//! Folders of pictures, and rounding.
 
 use std::fs;
 use std::num::NonZeroU32;
 use std::path::Path;
 
 use guard4d_engine::EngineError;
-use guard4d_engine::media::frames::{list_png_folder, read_png, write_png, write_png_folder};
+use guard4d_engine::media::ffmpeg::Ffmpeg;
+use guard4d_engine::media::folder::{list_pictures, read_picture};
+use guard4d_engine::media::frames::{write_png, write_png_folder};
 use guard4d_engine::media::{Clip, Frame, Integrity, ReadOptions, read_clip};
 use guard4d_engine::watermark::metrics::{Picture, SquaredError};
 use guard4d_engine::watermark::prf::{MasterSecret, Prf, Purpose, uniform_unit};
@@ -53,7 +55,7 @@ fn files_are_taken_in_natural_order() {
     for other in ["notes.txt", ".hidden.png", "video.mp4"] {
         fs::write(folder.path().join(other), "x").expect("the folder is writable");
     }
-    let listed = list_png_folder(folder.path()).expect("it holds frames");
+    let listed = list_pictures(folder.path()).expect("it holds frames");
     let listed: Vec<_> = listed.iter().filter_map(|p| p.file_name()?.to_str()).collect();
     let order = ["1.PNG", "2.png", "10.png", "010b.png", "99999999999999999999999.png", "v2_9.png", "v10_1.png"];
     assert_eq!(listed, order);
@@ -91,16 +93,16 @@ fn deep_grey_and_transparent_files_become_8_bit_rgb() {
     // 16 bits: 128 is one of 257 steps per 8-bit level, so 128 rounds down and 129 up.
     let deep = image::ImageBuffer::<image::Rgb<u16>, _>::from_raw(2, 1, vec![128, 129, 65535, 0, 257, 385]);
     deep.expect("6 samples").save(&path).expect("the folder is writable");
-    assert_eq!(read_png(&path, BLACK).expect("a PNG").rgb(), [0, 1, 255, 0, 1, 1]);
+    assert_eq!(read_picture(&path, BLACK, &Ffmpeg::default()).expect("a PNG").rgb(), [0, 1, 255, 0, 1, 1]);
 
     let grey = image::GrayImage::from_raw(2, 1, vec![7, 200]).expect("2 samples");
     grey.save(&path).expect("the folder is writable");
-    assert_eq!(read_png(&path, BLACK).expect("a PNG").rgb(), [7, 7, 7, 200, 200, 200]);
+    assert_eq!(read_picture(&path, BLACK, &Ffmpeg::default()).expect("a PNG").rgb(), [7, 7, 7, 200, 200, 200]);
 
     let clear = image::RgbaImage::from_raw(3, 1, vec![9, 9, 9, 255, 9, 9, 9, 0, 200, 100, 0, 51]).expect("12 samples");
     clear.save(&path).expect("the folder is writable");
     // 0.2 of the colour and 0.8 of white: 244, 224, 204.
-    let laid = read_png(&path, [255; 3]).expect("a PNG");
+    let laid = read_picture(&path, [255; 3], &Ffmpeg::default()).expect("a PNG");
     assert_eq!(laid.rgb(), [9, 9, 9, 255, 255, 255, 244, 224, 204]);
 }
 

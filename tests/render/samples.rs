@@ -5,7 +5,9 @@
 use std::path::Path;
 
 use guard4d_engine::media::Frame;
-use guard4d_engine::media::frames::{read_png, write_png};
+use guard4d_engine::media::ffmpeg::Ffmpeg;
+use guard4d_engine::media::folder::read_picture;
+use guard4d_engine::media::frames::write_png;
 use guard4d_engine::render::Film;
 use guard4d_engine::scene::camera_paths::{Lens, Orbit};
 use guard4d_engine::scene::{ImageSize, Model, Vantage};
@@ -84,7 +86,7 @@ fn samples_are_drawn_as_their_pictures_show() {
             write_png(&picture, &got).expect("writable");
             continue;
         }
-        let want = read_png(&picture, [0; 3]).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let want = read_picture(&picture, [0; 3], &Ffmpeg::default()).unwrap_or_else(|error| panic!("{name}: {error}"));
         assert_eq!((want.width(), want.height()), (SIDE, SIDE), "{name}");
         let errors = got.rgb().iter().zip(want.rgb()).map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2));
         let mean = errors.sum::<f64>() / got.rgb().len() as f64;

@@ -23,3 +23,4 @@ mod spread;
 mod statistics;
 mod tmsd;
 mod tokens;
+mod watching;

@@ -1,18 +1,17 @@
-//! A clip to verify: frames of one size from a PNG folder or a video file.
+//! A clip in memory: frames of one size from a folder of pictures or a video file.
 
 use std::num::NonZeroU32;
 use std::path::Path;
 
-use super::decode;
-use super::ffmpeg::Ffmpeg;
-use super::frames::{Frame, list_png_folder, read_png};
+use super::frames::Frame;
+use super::source::{Ending, FrameSource, ReadOptions};
 use crate::EngineError;
 use crate::watermark::digest::Digest;
 
 /// Whether a video decoded without complaint.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Integrity {
-    /// It did, or the source was a PNG folder.
+    /// It did, or the source was a folder of pictures.
     Intact,
     /// The decoder reported errors and went on; frames may be concealed or missing.
     Damaged {
@@ -102,95 +101,25 @@ impl Clip {
     }
 }
 
-/// How to read a clip.
-#[derive(Clone, Debug)]
-pub struct ReadOptions {
-    /// Programs for video files.
-    pub ffmpeg: Ffmpeg,
-    /// Colour behind transparent pixels.
-    pub background: [u8; 3],
-    /// Frames to read from the start; none reads all.
-    pub max_frames: Option<NonZeroU32>,
-    /// Most bytes of decoded samples to hold.
-    pub max_bytes: u64,
-}
-
-impl Default for ReadOptions {
-    fn default() -> Self {
-        Self { ffmpeg: Ffmpeg::default(), background: [0; 3], max_frames: None, max_bytes: 4 << 30 }
-    }
-}
-
-/// Reads a folder of PNG frames or, through ffmpeg, a video file.
+/// Reads a folder of pictures or, through ffmpeg, a video file. All frames are kept; for long films, see [`FrameSource`].
 ///
 /// # Errors
-/// [`EngineError::MissingInput`] for a missing path; [`EngineError::BadData`] for a folder or video without
-/// frames, for frames of different sizes and for anything undecodable; [`EngineError::Program`] without ffmpeg;
-/// [`EngineError::Usage`] if the frames exceed `max_bytes`.
+/// Those of [`FrameSource`]; [`EngineError::Usage`] if the frames exceed `max_bytes`.
 pub fn read_clip(path: &Path, options: &ReadOptions) -> Result<Clip, EngineError> {
-    let mut collector = Collector::new(path, options);
-    if path.is_dir() {
-        let limit = options.max_frames.map_or(usize::MAX, |n| n.get() as usize);
-        for file in list_png_folder(path)?.iter().take(limit) {
-            collector.push(read_png(file, options.background)?, file)?;
-        }
-        return collector.finish(None, Integrity::Intact);
-    }
-    if !path.is_file() {
-        return Err(EngineError::MissingInput {
-            path: path.to_path_buf(),
-            expected: "a folder of PNG frames or a video file".to_owned(),
-        });
-    }
-    let (frame_rate, integrity) = decode::for_each_frame(path, options, &mut |frame| collector.push(frame, path))?;
-    collector.finish(frame_rate, integrity)
-}
-
-struct Collector<'a> {
-    path: &'a Path,
-    max_bytes: u64,
-    num_bytes: u64,
-    frames: Vec<Frame>,
-}
-
-impl<'a> Collector<'a> {
-    const fn new(path: &'a Path, options: &ReadOptions) -> Self {
-        Self { path, max_bytes: options.max_bytes, num_bytes: 0, frames: Vec::new() }
-    }
-
-    fn push(&mut self, frame: Frame, file: &Path) -> Result<(), EngineError> {
-        let size = |f: &Frame| format!("{} x {} px", f.width(), f.height());
-        if let Some(first) = self.frames.first()
-            && size(first) != size(&frame)
-        {
-            return Err(EngineError::BadData {
-                path: file.to_path_buf(),
-                field: format!("size of frame {}", self.frames.len()),
-                got: size(&frame),
-                expected: format!("{}, the size of frame 0", size(first)),
-            });
-        }
-        self.num_bytes += frame.rgb().len() as u64;
-        if self.num_bytes > self.max_bytes {
+    let source = FrameSource::open(path, options)?;
+    let mut frames = Vec::new();
+    let mut num_bytes = 0;
+    let Ending { frame_rate, integrity, .. } = source.for_each(&mut |frame| {
+        num_bytes += frame.rgb().len() as u64;
+        if num_bytes > options.max_bytes {
             return Err(EngineError::Usage {
-                what: format!("clip {}", self.path.display()),
-                got: format!("more than {} MiB of frames", self.max_bytes >> 20),
+                what: format!("clip {}", path.display()),
+                got: format!("more than {} MiB of frames", options.max_bytes >> 20),
                 expected: "fewer frames (limit their number) or a larger memory limit".to_owned(),
             });
         }
-        self.frames.push(frame);
+        frames.push(frame);
         Ok(())
-    }
-
-    fn finish(self, frame_rate: Option<FrameRate>, integrity: Integrity) -> Result<Clip, EngineError> {
-        if self.frames.is_empty() {
-            return Err(EngineError::BadData {
-                path: self.path.to_path_buf(),
-                field: "frames".to_owned(),
-                got: "none".to_owned(),
-                expected: "at least one".to_owned(),
-            });
-        }
-        Ok(Clip { frames: self.frames, frame_rate, integrity })
-    }
+    })?;
+    Ok(Clip { frames, frame_rate, integrity })
 }

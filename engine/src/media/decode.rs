@@ -7,9 +7,10 @@ use std::process::{ChildStdout, Command, Stdio};
 
 use serde::Deserialize;
 
-use super::clip::{FrameRate, Integrity, ReadOptions};
-use super::ffmpeg::{file_argument, spawn};
+use super::clip::{FrameRate, Integrity};
+use super::ffmpeg::{Ffmpeg, file_argument, spawn};
 use super::frames::Frame;
+use super::source::ReadOptions;
 use crate::EngineError;
 
 /// Fewest lines at which untagged video is taken for BT.709 rather than BT.601.
@@ -18,49 +19,110 @@ const HD_LINES: u32 = 720;
 /// Longest header line ffmpeg's PAM encoder writes is far below this.
 const MAX_HEADER_LINE: u64 = 128;
 
+/// What ffprobe is asked for.
+const ENTRIES: &str = "stream=codec_name,width,height,pix_fmt,color_range,color_space,avg_frame_rate,nb_frames:\
+                       stream_tags=alpha_mode,ALPHA_MODE:format=duration";
+
+/// More frames than any film has; an estimate beyond is a broken header.
+const MAX_ESTIMATE: f64 = 1e9;
+
+/// How swscale is asked to compute: exactly rounded, and without noise.
+const EXACTLY: &str = "sws_dither=none:flags=bicubic+accurate_rnd+full_chroma_int+full_chroma_inp";
+
 /// Largest frame side accepted; a corrupt header may claim anything.
-const MAX_SIDE_PX: u32 = 16_384;
+pub(super) const MAX_SIDE_PX: u32 = 16_384;
 
 #[derive(Deserialize)]
 struct Probe {
     #[serde(default)]
     streams: Vec<Stream>,
+    format: Option<Container>,
 }
 
-#[derive(Deserialize)]
-struct Stream {
-    height: Option<u32>,
-    pix_fmt: Option<String>,
+#[derive(Debug, Default, Deserialize)]
+struct Container {
+    duration: Option<String>,
+}
+
+/// What ffprobe says of a video stream; everything may be missing.
+#[derive(Debug, Deserialize)]
+pub(super) struct Stream {
+    pub(super) codec_name: Option<String>,
+    pub(super) width: Option<u32>,
+    pub(super) height: Option<u32>,
+    pub(super) pix_fmt: Option<String>,
     color_range: Option<String>,
     color_space: Option<String>,
     avg_frame_rate: Option<String>,
+    nb_frames: Option<String>,
+    #[serde(default)]
+    tags: Tags,
+    #[serde(skip)]
+    container: Container,
 }
 
-/// Decodes a video's first video stream and hands over frame after frame, each as stored: none is dropped
+#[derive(Debug, Default, Deserialize)]
+struct Tags {
+    #[serde(alias = "ALPHA_MODE")]
+    alpha_mode: Option<String>,
+}
+
+impl Stream {
+    /// Number of frames, as counted by the container or estimated from its duration.
+    pub(super) fn num_frames(&self) -> Option<u64> {
+        let counted = self.nb_frames.as_deref().and_then(|count| count.parse().ok()).filter(|count| *count > 0);
+        counted.or_else(|| {
+            let seconds: f64 = self.container.duration.as_deref()?.parse().ok()?;
+            let rate = parse_rate(self.avg_frame_rate.as_deref()?)?;
+            let frames = seconds * f64::from(rate.frames.get()) / f64::from(rate.seconds.get());
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "it is between the two bounds, and an estimate"
+            )]
+            (1.0..MAX_ESTIMATE).contains(&frames).then_some(frames.round() as u64)
+        })
+    }
+
+    /// The decoder to name, where the one that ffmpeg takes by itself drops the alpha channel: WebM stores it as a second
+    /// picture, which libvpx alone decodes.
+    fn decoder(&self) -> Option<&'static str> {
+        self.tags.alpha_mode.as_deref().filter(|mode| *mode == "1")?;
+        match self.codec_name.as_deref()? {
+            "vp8" => Some("libvpx"),
+            "vp9" => Some("libvpx-vp9"),
+            _ => None,
+        }
+    }
+}
+
+/// Decodes a video's first video stream and hands over the frames that `options` ask for, each as stored: none is dropped
 /// or repeated for a constant rate. Range and matrix tags are honoured; untagged video is limited-range
-/// BT.601, or BT.709 from 720 lines. Rotation is applied, transparency laid over the background.
+/// BT.601, or BT.709 from 720 lines. Rotation is applied, transparency laid over the background. Deeper video is rounded
+/// to 8 bits without dithering.
 ///
 /// # Errors
 /// [`EngineError::BadData`] if nothing can be decoded, [`EngineError::Program`] without ffmpeg, and
 /// whatever `each` returns, which stops decoding.
-pub fn for_each_frame(
+pub(super) fn for_each_frame(
     path: &Path,
+    stream: &Stream,
     options: &ReadOptions,
     each: &mut dyn FnMut(Frame) -> Result<(), EngineError>,
 ) -> Result<(Option<FrameRate>, Integrity), EngineError> {
-    let stream = probe(path, options)?;
-    let pixel_format = stream.pix_fmt.as_deref().unwrap_or_default();
-    let has_alpha = has_alpha(pixel_format);
+    let has_alpha = stream.decoder().is_some() || has_alpha(stream.pix_fmt.as_deref().unwrap_or_default());
     let mut command = Command::new(&options.ffmpeg.ffmpeg);
     command.args(["-hide_banner", "-loglevel", "error", "-nostdin"]);
+    if let Some(decoder) = stream.decoder() {
+        command.args(["-c:v", decoder]);
+    }
     command.args(["-protocol_whitelist", "file,pipe", "-i"]);
     command.arg(file_argument(path)).args(["-map", "0:v:0"]);
     if let Some(limit) = options.max_frames {
         command.args(["-frames:v", &limit.to_string()]);
     }
-    if let Some(filter) = conversion(&stream) {
-        command.args(["-vf", &filter]);
-    }
+    let filters: Vec<_> = selection(options).into_iter().chain([conversion(stream)]).collect();
+    command.args(["-vf", &filters.join(",")]);
     command.args(["-fps_mode", "passthrough", "-f", "image2pipe"]);
     let samples = if has_alpha { "rgba" } else { "rgb24" };
     command.args(["-c:v", "pam", "-pix_fmt", samples, "pipe:1"]);
@@ -79,7 +141,7 @@ pub fn for_each_frame(
     drop(stdout);
     let ended = running.wait()?;
     let messages = damage.unwrap_or(ended.messages);
-    if num_frames == 0 {
+    if num_frames == 0 && !(ended.success && messages.is_empty()) {
         return Err(undecodable(path, "frames", &messages));
     }
     let integrity = if ended.success && messages.is_empty() {
@@ -92,12 +154,16 @@ pub fn for_each_frame(
     Ok((rate, integrity))
 }
 
-fn probe(path: &Path, options: &ReadOptions) -> Result<Stream, EngineError> {
-    let program = &options.ffmpeg.ffprobe;
+/// What ffprobe says of the first video stream.
+///
+/// # Errors
+/// [`EngineError::BadData`] for a file without one, [`EngineError::Program`] without ffprobe.
+pub(super) fn probe(path: &Path, ffmpeg: &Ffmpeg) -> Result<Stream, EngineError> {
+    let program = &ffmpeg.ffprobe;
     let mut command = Command::new(program);
     command.args(["-v", "error", "-protocol_whitelist", "file,pipe"]);
     command.args(["-select_streams", "v:0", "-of", "json", "-show_entries"]);
-    command.arg("stream=height,pix_fmt,color_range,color_space,avg_frame_rate");
+    command.arg(ENTRIES);
     command.arg(file_argument(path)).stdin(Stdio::null());
     let mut running = spawn(program, &mut command)?;
     let mut json = Vec::new();
@@ -110,11 +176,12 @@ fn probe(path: &Path, options: &ReadOptions) -> Result<Stream, EngineError> {
     }
     let probe: Probe =
         serde_json::from_slice(&json).map_err(|error| undecodable(path, "container", &error.to_string()))?;
-    let mut streams = probe.streams.into_iter();
-    streams.next().ok_or_else(|| undecodable(path, "streams", "no video stream"))
+    let stream = probe.streams.into_iter().next();
+    let stream = stream.ok_or_else(|| undecodable(path, "streams", "no video stream"))?;
+    Ok(Stream { container: probe.format.unwrap_or_default(), ..stream })
 }
 
-fn undecodable(path: &Path, field: &str, messages: &str) -> EngineError {
+pub(super) fn undecodable(path: &Path, field: &str, messages: &str) -> EngineError {
     let got = if messages.is_empty() { "nothing decodable" } else { messages };
     EngineError::BadData {
         path: path.to_path_buf(),
@@ -130,13 +197,19 @@ fn has_alpha(pixel_format: &str) -> bool {
     pixel_format.starts_with("yuva") || packed.iter().any(|name| pixel_format.starts_with(name))
 }
 
-/// Scale filter that fixes matrix and range of a luma-chroma stream; none for RGB.
-fn conversion(stream: &Stream) -> Option<String> {
+/// Filter that passes the frames that are asked for; none passes all.
+fn selection(options: &ReadOptions) -> Option<String> {
+    let (start, every) = (options.start, options.every);
+    (start > 0 || every.get() > 1).then(|| format!("select='gte(n,{start})*not(mod(n-{start},{every}))'"))
+}
+
+/// Scale filter to full-range RGB; it fixes matrix and range of a luma-chroma stream.
+fn conversion(stream: &Stream) -> String {
     let format = stream.pix_fmt.as_deref().unwrap_or_default();
     let is_luma =
         ["yuv", "nv", "p0", "gray", "ya", "uyvy", "vuy", "y2"].iter().any(|prefix| format.starts_with(prefix));
     if !is_luma {
-        return None;
+        return format!("scale={EXACTLY}");
     }
     let matrix = match stream.color_space.as_deref() {
         Some(tag @ ("bt709" | "fcc" | "smpte170m" | "smpte240m")) => tag,
@@ -150,10 +223,7 @@ fn conversion(stream: &Stream) -> Option<String> {
         None if format.starts_with("yuvj") => "pc",
         _ => "tv",
     };
-    Some(format!(
-        "scale=in_color_matrix={matrix}:in_range={range}:out_range=pc:\
-         flags=bicubic+accurate_rnd+full_chroma_int+full_chroma_inp"
-    ))
+    format!("scale=in_color_matrix={matrix}:in_range={range}:out_range=pc:{EXACTLY}")
 }
 
 fn parse_rate(text: &str) -> Option<FrameRate> {

@@ -1,4 +1,4 @@
-//! H.264 in MP4 with exact colour tags.
+//! Films as video files, with exact colour tags.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -7,6 +7,7 @@ use std::process::{ChildStdin, Command, Stdio};
 use std::num::NonZeroU32;
 
 use super::clip::FrameRate;
+use super::codec::{Codec, Container};
 use super::ffmpeg::{Ffmpeg, Running, failed, file_argument, spawn};
 use super::frames::Frame;
 use crate::EngineError;
@@ -22,15 +23,17 @@ pub enum OddSize {
     Extend,
 }
 
-/// Settings of an MP4 file.
+/// Settings of a video file.
 #[derive(Clone, Debug)]
 pub struct EncodeOptions {
     /// Programs.
     pub ffmpeg: Ffmpeg,
     /// Frame rate.
     pub frame_rate: FrameRate,
-    /// x264's constant rate factor, 0 to 51; smaller keeps more.
-    pub crf: u8,
+    /// Codec; none takes [`Container::default_codec`].
+    pub codec: Option<Codec>,
+    /// Constant rate factor, 0 to [`Codec::max_crf`], smaller keeps more; none takes [`Codec::default_crf`].
+    pub crf: Option<u8>,
     /// What to do with odd sizes.
     pub odd_size: OddSize,
     /// What to do with a file that is there.
@@ -42,7 +45,8 @@ impl Default for EncodeOptions {
         Self {
             ffmpeg: Ffmpeg::default(),
             frame_rate: FrameRate::per_second(NonZeroU32::new(30).expect("30 is not 0")),
-            crf: 12,
+            codec: None,
+            crf: None,
             odd_size: OddSize::Refuse,
             existing: Existing::Refuse,
         }
@@ -52,47 +56,55 @@ impl Default for EncodeOptions {
 /// The system's words for a full disk, as ffmpeg repeats them.
 const DISK_FULL: &str = "No space left on device";
 
-/// Largest crf that x264 accepts for 8-bit video.
-const MAX_CRF: u8 = 51;
-
-/// Writes frames one after the other: H.264, yuv420p, BT.709 in matrix, primaries, transfer and limited
-/// range, index at the front. The file appears when it is finished.
-pub struct Mp4Writer {
+/// Writes frames one after the other. All but FFV1: yuv420p, BT.709 in matrix, primaries, transfer and limited range;
+/// FFV1: the frames as they are. MP4 and MOV have their index at the front. The file appears when it is finished.
+pub struct VideoWriter {
     program: PathBuf,
     size_px: (u32, u32),
-    odd_size: OddSize,
+    extends: bool,
     stdin: Option<ChildStdin>,
     running: Option<Running>,
     /// Last, so that the encoder has ended when its unfinished file is removed.
     output: AtomicFile,
 }
 
-impl Mp4Writer {
-    /// Starts the encoder for frames of `size_px` = (width, height).
+impl VideoWriter {
+    /// Starts the encoder for frames of `size_px` = (width, height). The extension of `path` says which container.
     ///
     /// # Errors
     /// [`EngineError::CannotCreate`] if `path` exists and may not be replaced, or its place is not writable;
-    /// [`EngineError::Usage`] for odd sizes (see [`OddSize`]) or a bad crf; [`EngineError::Program`] without ffmpeg.
+    /// [`EngineError::Usage`] for another extension, a codec that its container does not hold, odd sizes (see [`OddSize`])
+    /// or a bad crf; [`EngineError::Program`] without ffmpeg, or if it lacks the encoder.
     pub fn start(path: &Path, size_px: (u32, u32), options: &EncodeOptions) -> Result<Self, EngineError> {
-        check(size_px, options)?;
+        let (container, codec, crf) = format(path, options)?;
+        check_size(size_px, codec, options.odd_size)?;
         let output = AtomicFile::create(path, options.existing)?;
         let program = options.ffmpeg.ffmpeg.clone();
+        let encoder = codec.encoder(&options.ffmpeg)?;
+        let extends = options.odd_size == OddSize::Extend && !codec.is_lossless();
+        let side = |length| if extends { even(length) } else { length };
         let mut command = Command::new(&program);
         // Without -xerror, ffmpeg 5.1 counts a file whose end did not fit on the disk as a success.
         command.args(["-hide_banner", "-loglevel", "error", "-xerror", "-y"]);
         command.args(["-f", "rawvideo", "-pix_fmt", "rgb24", "-video_size"]);
-        command.arg(format!("{}x{}", even(size_px.0), even(size_px.1)));
+        command.arg(format!("{}x{}", side(size_px.0), side(size_px.1)));
         let FrameRate { frames, seconds } = options.frame_rate;
-        command.args(["-framerate", &format!("{frames}/{seconds}"), "-i", "pipe:0"]);
-        command.args(["-vf", TO_BT709, "-c:v", "libx264", "-pix_fmt", "yuv420p"]);
-        command.args(["-crf", &options.crf.to_string()]);
-        command.args(["-colorspace", "bt709", "-color_primaries", "bt709"]);
-        command.args(["-color_trc", "bt709", "-color_range", "tv"]);
-        command.args(["-movflags", "+faststart", "-f", "mp4"]);
+        command.args(["-framerate", &format!("{frames}/{seconds}"), "-i", "pipe:0", "-c:v", encoder]);
+        command.args(Codec::arguments(encoder));
+        match crf {
+            Some(crf) => {
+                command.args(["-crf", &crf.to_string(), "-vf", TO_BT709, "-pix_fmt", "yuv420p"]);
+                command.args(["-colorspace", "bt709", "-color_primaries", "bt709"]);
+                command.args(["-color_trc", "bt709", "-color_range", "tv"]);
+            }
+            // 8 bits of blue, green and red, the order in which FFV1 takes them.
+            None => _ = command.args(["-pix_fmt", "bgr0"]),
+        }
+        command.args(container.arguments(codec));
         command.arg(file_argument(output.path())).stdin(Stdio::piped());
         let mut running = spawn(&program, &mut command)?;
         let stdin = running.child.stdin.take();
-        Ok(Self { program, size_px, odd_size: options.odd_size, stdin, running: Some(running), output })
+        Ok(Self { program, size_px, extends, stdin, running: Some(running), output })
     }
 
     /// Appends a frame.
@@ -107,9 +119,9 @@ impl Mp4Writer {
                 expected: format!("{} x {} px", self.size_px.0, self.size_px.1),
             });
         }
-        let written = match (&mut self.stdin, self.odd_size) {
-            (Some(stdin), OddSize::Refuse) => stdin.write_all(frame.rgb()),
-            (Some(stdin), OddSize::Extend) => stdin.write_all(&extended(frame)),
+        let written = match (&mut self.stdin, self.extends) {
+            (Some(stdin), false) => stdin.write_all(frame.rgb()),
+            (Some(stdin), true) => stdin.write_all(&extended(frame)),
             (None, _) => Err(std::io::ErrorKind::BrokenPipe.into()),
         };
         written.map_err(|error| {
@@ -150,14 +162,14 @@ impl Mp4Writer {
 /// Writes a whole clip.
 ///
 /// # Errors
-/// [`EngineError::Usage`] for no frames or frames of different sizes; those of [`Mp4Writer`].
-pub fn write_mp4(path: &Path, frames: &[Frame], options: &EncodeOptions) -> Result<(), EngineError> {
+/// [`EngineError::Usage`] for no frames or frames of different sizes; those of [`VideoWriter`].
+pub fn write_video(path: &Path, frames: &[Frame], options: &EncodeOptions) -> Result<(), EngineError> {
     let first = frames.first().ok_or_else(|| EngineError::Usage {
         what: "frames to encode".to_owned(),
         got: "none".to_owned(),
         expected: "at least one".to_owned(),
     })?;
-    let mut writer = Mp4Writer::start(path, (first.width(), first.height()), options)?;
+    let mut writer = VideoWriter::start(path, (first.width(), first.height()), options)?;
     for frame in frames {
         writer.push(frame)?;
     }
@@ -168,21 +180,34 @@ pub fn write_mp4(path: &Path, frames: &[Frame], options: &EncodeOptions) -> Resu
 const TO_BT709: &str = "scale=out_color_matrix=bt709:in_range=pc:out_range=tv:\
                         flags=bicubic+accurate_rnd+full_chroma_int+full_chroma_inp,format=yuv420p";
 
-fn check(size_px: (u32, u32), options: &EncodeOptions) -> Result<(), EngineError> {
-    if options.crf > MAX_CRF {
-        return Err(EngineError::Usage {
-            what: "crf".to_owned(),
-            got: options.crf.to_string(),
-            expected: format!("0 to {MAX_CRF}"),
-        });
+/// Container, codec and rate factor; a lossless codec has none.
+fn format(path: &Path, options: &EncodeOptions) -> Result<(Container, Codec, Option<u8>), EngineError> {
+    let usage = |what: &str, got: String, expected: String| EngineError::Usage { what: what.to_owned(), got, expected };
+    let container = Container::of(path).ok_or_else(|| {
+        usage("video file", path.display().to_string(), "a name that ends with .mp4, .mov, .mkv or .webm".to_owned())
+    })?;
+    let codec = options.codec.unwrap_or(container.default_codec());
+    if !container.codecs().contains(&codec) {
+        let names: Vec<_> = container.codecs().iter().map(|codec| codec.name()).collect();
+        let extension = path.extension().unwrap_or_default().display().to_string();
+        let expected = format!("{} in .{extension}; .mkv holds all", names.join(", "));
+        return Err(usage("codec", codec.name().to_owned(), expected));
     }
+    match (options.crf, codec.max_crf()) {
+        (Some(crf), None) => Err(usage("crf", crf.to_string(), format!("none, because {codec} loses nothing"))),
+        (Some(crf), Some(max)) if crf > max => Err(usage("crf", crf.to_string(), format!("0 to {max} for {codec}"))),
+        (crf, _) => Ok((container, codec, crf.or(codec.default_crf()))),
+    }
+}
+
+fn check_size(size_px: (u32, u32), codec: Codec, odd_size: OddSize) -> Result<(), EngineError> {
     let (width, height) = size_px;
     let is_odd = width % 2 == 1 || height % 2 == 1;
-    if width == 0 || height == 0 || (is_odd && options.odd_size == OddSize::Refuse) {
+    if width == 0 || height == 0 || (is_odd && odd_size == OddSize::Refuse && !codec.is_lossless()) {
         return Err(EngineError::Usage {
-            what: "size of an mp4 video".to_owned(),
+            what: "size of a video".to_owned(),
             got: format!("{width} x {height} px"),
-            expected: "even width and height; write a PNG folder for odd sizes".to_owned(),
+            expected: "even width and height; write a PNG folder or FFV1 for odd sizes".to_owned(),
         });
     }
     Ok(())

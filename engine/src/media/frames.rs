@@ -1,13 +1,13 @@
-//! 8-bit frames and folders of PNG files.
+//! 8-bit frames, and writing them as PNG files.
 
-use std::cmp::Ordering;
 use std::fs;
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder as _, ImageFormat};
+use image::{ExtendedColorType, ImageEncoder as _};
 
+use super::folder::pictures;
 use crate::EngineError;
 
 /// An 8-bit RGB picture, rows from top to bottom.
@@ -118,67 +118,10 @@ fn round_to_u8(colour: f32) -> u8 {
     (colour.clamp(0.0, 1.0) * 255.0).round() as u8
 }
 
-/// PNG files of a folder in natural order: `9.png` before `10.png`. Other files are not looked at.
-///
-/// # Errors
-/// [`EngineError::MissingInput`] if the folder is missing, [`EngineError::BadData`] if it holds no PNG,
-/// [`EngineError::Io`] if it cannot be listed.
-pub fn list_png_folder(folder: &Path) -> Result<Vec<PathBuf>, EngineError> {
-    let io = |source| EngineError::Io { path: folder.to_path_buf(), source };
-    if !folder.is_dir() {
-        let expected = "a folder of PNG frames".to_owned();
-        return Err(EngineError::MissingInput { path: folder.to_path_buf(), expected });
-    }
-    let mut paths = Vec::new();
-    for entry in fs::read_dir(folder).map_err(io)? {
-        let path = entry.map_err(io)?.path();
-        if is_png_name(&path) {
-            paths.push(path);
-        }
-    }
-    if paths.is_empty() {
-        return Err(EngineError::BadData {
-            path: folder.to_path_buf(),
-            field: "frames".to_owned(),
-            got: "no .png file in the folder".to_owned(),
-            expected: "at least one".to_owned(),
-        });
-    }
-    paths.sort_by(|a, b| natural_order(&file_name(a), &file_name(b)));
-    Ok(paths)
-}
-
-/// Reads one PNG of any depth. More than 8 bits are rounded, grey is repeated, transparency is laid over
-/// `background`; gamma and profile chunks are ignored.
-///
-/// # Errors
-/// [`EngineError::MissingInput`], [`EngineError::BadData`] if it is no PNG, [`EngineError::Io`].
-pub fn read_png(path: &Path, background: [u8; 3]) -> Result<Frame, EngineError> {
-    let file = fs::File::open(path).map_err(|source| match source.kind() {
-        std::io::ErrorKind::NotFound => {
-            EngineError::MissingInput { path: path.to_path_buf(), expected: "a PNG file".to_owned() }
-        }
-        _ => EngineError::Io { path: path.to_path_buf(), source },
-    })?;
-    let mut reader = image::ImageReader::with_format(std::io::BufReader::new(file), ImageFormat::Png);
-    reader.limits(image::Limits::default());
-    let picture = reader.decode().map_err(|error| EngineError::BadData {
-        path: path.to_path_buf(),
-        field: "picture".to_owned(),
-        got: error.to_string(),
-        expected: "a readable PNG".to_owned(),
-    })?;
-    let (width, height) = (picture.width(), picture.height());
-    if picture.color().has_alpha() {
-        return Frame::from_rgba8(width, height, &picture.into_rgba8(), background);
-    }
-    Frame::new(width, height, picture.into_rgb8().into_raw())
-}
-
 /// Writes frames as `00000.png`, `00001.png`, … into a folder, which is created if need be.
 ///
 /// # Errors
-/// [`EngineError::CannotCreate`] if the folder cannot be made or already holds PNG files, which a reader
+/// [`EngineError::CannotCreate`] if the folder cannot be made or already holds pictures, which a reader
 /// would mix with the new ones; [`EngineError::Io`] if writing fails.
 pub fn write_png_folder(folder: &Path, frames: &[Frame]) -> Result<(), EngineError> {
     prepare_png_folder(folder)?;
@@ -191,12 +134,12 @@ pub fn write_png_folder(folder: &Path, frames: &[Frame]) -> Result<(), EngineErr
 /// Makes a folder ready for numbered frames.
 ///
 /// # Errors
-/// [`EngineError::CannotCreate`] if it cannot be made or already holds PNG files.
+/// [`EngineError::CannotCreate`] if it cannot be made or already holds pictures; [`EngineError::Io`] if it cannot be listed.
 pub fn prepare_png_folder(folder: &Path) -> Result<(), EngineError> {
     let cannot = |reason: String| EngineError::CannotCreate { path: folder.to_path_buf(), reason };
     fs::create_dir_all(folder).map_err(|error| cannot(error.to_string()))?;
-    if list_png_folder(folder).is_ok() {
-        return Err(cannot("the folder already holds PNG files".to_owned()));
+    if !pictures(folder)?.is_empty() {
+        return Err(cannot("the folder already holds pictures".to_owned()));
     }
     Ok(())
 }
@@ -220,35 +163,4 @@ pub fn write_png(path: &Path, frame: &Frame) -> Result<(), EngineError> {
         .map_err(std::io::Error::other)
         .and_then(|()| out.flush())
         .map_err(|source| EngineError::Io { path: path.to_path_buf(), source })
-}
-
-fn is_png_name(path: &Path) -> bool {
-    let extension = path.extension().and_then(|e| e.to_str());
-    let hidden = file_name(path).starts_with('.');
-    !hidden && extension.is_some_and(|e| e.eq_ignore_ascii_case("png"))
-}
-
-fn file_name(path: &Path) -> String {
-    path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
-}
-
-/// Compares names with runs of digits as numbers; equal numbers fall back to the plain order.
-fn natural_order(a: &str, b: &str) -> Ordering {
-    natural_key(a).cmp(&natural_key(b)).then_with(|| a.cmp(b))
-}
-
-/// Text and number runs in turn; a number is its digits without leading zeros, after their count.
-fn natural_key(name: &str) -> Vec<(String, usize, String)> {
-    let mut key = Vec::new();
-    let mut rest = name;
-    while !rest.is_empty() {
-        let text_end = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
-        let (text, tail) = rest.split_at(text_end);
-        let digits_end = tail.find(|c: char| !c.is_ascii_digit()).unwrap_or(tail.len());
-        let (digits, tail) = tail.split_at(digits_end);
-        let number = digits.trim_start_matches('0');
-        key.push((text.to_lowercase(), number.len(), number.to_owned()));
-        rest = tail;
-    }
-    key
 }

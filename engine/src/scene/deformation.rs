@@ -245,7 +245,7 @@ impl<'a> StateDict<'a> {
         match self.tensors.keys().min() {
             None => Ok(()),
             Some(name) => {
-                let got = "a tensor that nothing accounts for";
+                let got = "a tensor that the model's settings do not account for";
                 let expected = "exactly the keys of the deformation network";
                 Err(bad_data(self.path, name, got, expected))
             }

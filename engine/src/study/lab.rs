@@ -17,8 +17,8 @@ use crate::distortion::Attack;
 use crate::error::EngineError;
 use crate::lpips::Lpips;
 use crate::media::Frame;
-use crate::media::clip::{ReadOptions, read_clip};
-use crate::media::encode::{EncodeOptions, OddSize, write_mp4};
+use crate::media::encode::{EncodeOptions, OddSize, write_video};
+use crate::media::{ReadOptions, read_clip};
 use crate::output::Existing;
 use crate::scene::{CameraSet, ImageSize, Vantage};
 use crate::watermark::cross_examination::{
@@ -319,7 +319,7 @@ fn spread(clip: &[Frame], count: usize) -> Vec<Frame> {
 fn through_h264(clip: &[Frame], crf: u8) -> Result<Vec<Frame>, EngineError> {
     let folder = tempfile::tempdir().map_err(|source| EngineError::Io { path: std::env::temp_dir(), source })?;
     let path = folder.path().join("clip.mp4");
-    write_mp4(&path, clip, &EncodeOptions { crf, odd_size: OddSize::Extend, ..EncodeOptions::default() })?;
+    write_video(&path, clip, &EncodeOptions { crf: Some(crf), odd_size: OddSize::Extend, ..EncodeOptions::default() })?;
     let frames = read_clip(&path, &ReadOptions::default())?.frames().to_vec();
     // An odd side came back longer by a pixel.
     let (width, height) = clip.first().map_or((0, 0), |frame| (frame.width(), frame.height()));

@@ -29,6 +29,10 @@ const NORMALIZATION: Normalization =
 /// What happens to a frame before R, for receipts.
 pub const PREPROCESS: &str = "resize: bilinear, antialiased, align_corners; squashed to CLIP's size; rgb in [0, 1]";
 
+/// Most frames of one film that [`Watching`] takes: twelve hours at 24 in a second, of which the features take 2 GiB at CLIP's
+/// 512 numbers a frame.
+pub const MAX_FRAMES: usize = 1 << 20;
+
 /// The parts of an extractor that belong to one asset; private.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExtractorWeights {
@@ -361,6 +365,7 @@ pub fn decode(
 }
 
 /// Brings 8-bit frames of one size to CLIP's.
+#[derive(Debug)]
 pub(super) struct Intake {
     size: ImageSize,
     plan: ResizePlan,
@@ -472,15 +477,82 @@ impl Reader {
         let mut intake = Intake::new(&self.device, first, self.features.side())?;
         let mut sight = Sight::default();
         for chunk in frames.chunks(CLIP_FRAMES) {
-            let mut rec = self.device.recorder()?;
-            intake.load(&mut rec, chunk, &mut self.resized)?;
-            self.features.forward(&mut rec, &[&self.resized])?;
-            self.decoder.forward(&mut rec, self.features.features(), &mut self.pass)?;
-            rec.submit()?;
-            let width = self.features.features().len() / CLIP_FRAMES;
-            sight.features.extend(self.features.features().read_range(0..chunk.len() * width)?);
-            sight.logits.extend(self.pass.logits.read_range(0..chunk.len() * self.bits)?);
+            self.see(&mut intake, chunk, &mut sight)?;
         }
         Ok(sight)
+    }
+
+    /// Looks at frames that come one after the other, of which it holds no more than a clip.
+    #[must_use]
+    pub const fn watch(&mut self) -> Watching<'_> {
+        Watching {
+            reader: self,
+            intake: None,
+            waiting: Vec::new(),
+            sight: Sight { features: Vec::new(), logits: Vec::new() },
+        }
+    }
+
+    /// Appends what a clip of at most [`CLIP_FRAMES`] shows.
+    fn see(&mut self, intake: &mut Intake, clip: &[Frame], sight: &mut Sight) -> Result<(), EngineError> {
+        let mut rec = self.device.recorder()?;
+        intake.load(&mut rec, clip, &mut self.resized)?;
+        self.features.forward(&mut rec, &[&self.resized])?;
+        self.decoder.forward(&mut rec, self.features.features(), &mut self.pass)?;
+        rec.submit()?;
+        let width = self.features.features().len() / CLIP_FRAMES;
+        sight.features.extend(self.features.features().read_range(0..clip.len() * width)?);
+        sight.logits.extend(self.pass.logits.read_range(0..clip.len() * self.bits)?);
+        Ok(())
+    }
+}
+
+/// Frames of one film on their way through a [`Reader`]. It sees them as [`Reader::look`] does.
+#[derive(Debug)]
+pub struct Watching<'a> {
+    reader: &'a mut Reader,
+    intake: Option<Intake>,
+    waiting: Vec<Frame>,
+    sight: Sight,
+}
+
+impl Watching<'_> {
+    /// Takes the next frame.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for a frame of another size than the first, or after [`MAX_FRAMES`]; when the device fails.
+    pub fn push(&mut self, frame: Frame) -> Result<(), EngineError> {
+        let seen = self.sight.logits.len() / self.reader.bits + self.waiting.len();
+        if seen >= MAX_FRAMES {
+            return Err(EngineError::Usage {
+                what: "film".to_owned(),
+                got: format!("more than {MAX_FRAMES} frames"),
+                expected: "fewer: read one of several, or limit their number".to_owned(),
+            });
+        }
+        self.waiting.push(frame);
+        if self.waiting.len() == CLIP_FRAMES { self.see() } else { Ok(()) }
+    }
+
+    /// What was seen in all frames; nothing if there was none.
+    ///
+    /// # Errors
+    /// Those of [`Self::push`].
+    pub fn finish(mut self) -> Result<Sight, EngineError> {
+        if !self.waiting.is_empty() {
+            self.see()?;
+        }
+        Ok(self.sight)
+    }
+
+    fn see(&mut self) -> Result<(), EngineError> {
+        let Self { reader, intake, waiting, sight } = self;
+        let intake = match intake {
+            Some(intake) => intake,
+            None => intake.insert(Intake::new(&reader.device, &waiting[0], reader.features.side())?),
+        };
+        reader.see(intake, waiting, sight)?;
+        waiting.clear();
+        Ok(())
     }
 }

@@ -18,7 +18,9 @@ use super::reading::Reading;
 use super::receipt::Receipt;
 use crate::clip::Clip;
 use crate::error::EngineError;
-use crate::media::{self, Frame, Integrity, ReadOptions};
+use crate::media::framing::{Framing, Rect};
+use crate::media::source::Ending;
+use crate::media::{Frame, FrameSource, Integrity, ReadOptions};
 use crate::render::Film;
 use crate::scene::{CameraSet, Model};
 
@@ -76,7 +78,7 @@ impl Sought {
 /// Clips to read and clips to compare with.
 #[derive(Debug, Default)]
 pub struct Exhibits {
-    /// Suspect clips: PNG folders or videos.
+    /// Suspect clips: folders of pictures, or videos.
     pub suspects: Vec<PathBuf>,
     /// Clips that surely carry no mark.
     pub unrelated: Vec<PathBuf>,
@@ -128,7 +130,23 @@ pub struct ClipReading {
     pub exact: bool,
     /// The best id, if ids are asked for.
     pub id: Option<u32>,
+    /// The part of its frames that was read, if not all.
+    pub cut: Option<Rect>,
 }
+
+/// How far the reading of one clip is.
+#[derive(Clone, Copy, Debug)]
+pub struct Progress<'a> {
+    /// File or folder.
+    pub path: &'a Path,
+    /// Frames read.
+    pub frames: u64,
+    /// Frames that there seem to be, where the clip says so.
+    pub expected: Option<u64>,
+}
+
+/// Is told of every frame that is read; an error ends the reading.
+pub type Watcher<'a> = &'a mut dyn FnMut(Progress<'_>) -> Result<(), EngineError>;
 
 /// The evidence, with what went into it.
 #[derive(Debug, serde::Serialize)]
@@ -162,15 +180,38 @@ struct Suspects {
     side_px: u32,
     frames: usize,
     damage: Vec<String>,
-    readings: Vec<(String, Reading)>,
+    readings: Vec<ClipSeen>,
+}
+
+/// What was read of one of them.
+struct ClipSeen {
+    name: String,
+    reading: Reading,
+    cut: Option<Rect>,
 }
 
 impl Case<'_> {
     /// Reads all clips and weighs them. All suspect clips count as one: their frames share their bias.
     ///
+    /// Frames are read as they are decoded, so that films of any length take the same memory but for their features. The
+    /// framing of `options` is for suspect clips alone, as that is where a picture can have been framed anew.
+    ///
     /// # Errors
     /// [`EngineError::BadData`] when receipt, key, message, extractor or a clip do not fit; when the device fails.
     pub fn verify(&self, exhibits: &Exhibits, options: &ReadOptions) -> Result<Report, EngineError> {
+        self.verify_watched(exhibits, options, &mut |_| Ok(()))
+    }
+
+    /// [`Self::verify`], which tells `watch` of every frame.
+    ///
+    /// # Errors
+    /// Those of [`Self::verify`] and of `watch`.
+    pub fn verify_watched(
+        &self,
+        exhibits: &Exhibits,
+        options: &ReadOptions,
+        watch: Watcher<'_>,
+    ) -> Result<Report, EngineError> {
         let receipt = Receipt::read(self.receipt)?;
         receipt.verify_commitment(self.receipt)?;
         self.check_key(&receipt)?;
@@ -178,7 +219,7 @@ impl Case<'_> {
         let promised = self.promised(&receipt)?;
         let extractor = self.extractor(&receipt)?;
         let mut reader = Reader::new(self.device, self.clip, self.key, &extractor)?;
-        let suspects = self.look(&mut reader, &exhibits.suspects, options)?;
+        let suspects = self.look(&mut reader, &exhibits.suspects, options, watch)?;
         let reading = Reading::from_logits(&suspects.sight.logits, num_bits(self.key))?;
         let prf = self.key.prf();
         let (message, searched, id) = match promised.id {
@@ -192,7 +233,7 @@ impl Case<'_> {
                 }
             }
         };
-        let mut controls = self.controls(&mut reader, exhibits, options, message)?;
+        let mut controls = self.controls(&mut reader, exhibits, options, watch, message)?;
         for stranger in &exhibits.strangers {
             controls.push(self.stranger(stranger, &extractor, &suspects.sight)?);
         }
@@ -208,13 +249,19 @@ impl Case<'_> {
         };
         let evidence = judge(&claim, &receipt.body.promise.thresholds)?;
         let code = promised.id.map(|(code, _)| code);
-        let clips = suspects.readings.iter().map(|(name, reading)| self.alone(name, reading, &message, code));
+        let clips = suspects.readings.iter().map(|clip| self.alone(clip, &message, code));
         let clips = clips.collect::<Result<_, _>>()?;
         let Suspects { frames, damage, .. } = suspects;
         Ok(Report { evidence, commitment: receipt.commitment, id, clips, frames, damage })
     }
 
-    fn look(&self, reader: &mut Reader, paths: &[PathBuf], options: &ReadOptions) -> Result<Suspects, EngineError> {
+    fn look(
+        &self,
+        reader: &mut Reader,
+        paths: &[PathBuf],
+        options: &ReadOptions,
+        watch: Watcher<'_>,
+    ) -> Result<Suspects, EngineError> {
         let mut all = Suspects {
             sight: Sight::default(),
             side_px: u32::MAX,
@@ -223,37 +270,33 @@ impl Case<'_> {
             readings: Vec::new(),
         };
         for path in paths {
-            let clip = media::read_clip(path, options)?;
-            if let Integrity::Damaged { messages } = clip.integrity() {
+            let source = FrameSource::open(path, options)?;
+            let (sight, ending) = look_at(reader, path, &source, watch)?;
+            if let Integrity::Damaged { messages } = ending.integrity {
                 all.damage.push(format!("{}: {messages}", path.display()));
             }
-            let (width, height) = clip.size_px();
+            let (width, height) = ending.size_px;
             all.side_px = all.side_px.min(width).min(height);
-            all.frames += clip.frames().len();
-            let sight = reader.look(clip.frames())?;
+            all.frames += sight.logits.len() / self.key.bits();
             let reading = Reading::from_logits(&sight.logits, num_bits(self.key))?;
-            all.readings.push((path.display().to_string(), reading));
+            all.readings.push(ClipSeen { name: path.display().to_string(), reading, cut: source.cut() });
             all.sight.extend(&sight);
         }
         Ok(all)
     }
 
     /// One suspect clip by itself.
-    fn alone(
-        &self,
-        name: &str,
-        reading: &Reading,
-        message: &Message,
-        code: Option<IdCode>,
-    ) -> Result<ClipReading, EngineError> {
+    fn alone(&self, clip: &ClipSeen, message: &Message, code: Option<IdCode>) -> Result<ClipReading, EngineError> {
+        let ClipSeen { name, reading, cut } = clip;
         let matches = reading.matches(message)?;
         let read = |code: IdCode| code.decode(reading.mean_logits(), &code.pad(&self.key.prf())?);
         Ok(ClipReading {
-            name: name.to_owned(),
+            name: name.clone(),
             matches,
             bit_accuracy: f64::from(matches) / f64::from(message.num_bits()),
             exact: matches == message.num_bits(),
             id: code.map(read).transpose()?.map(|found| found.id),
+            cut: *cut,
         })
     }
 
@@ -263,20 +306,22 @@ impl Case<'_> {
         reader: &mut Reader,
         exhibits: &Exhibits,
         options: &ReadOptions,
+        watch: Watcher<'_>,
         message: Message,
     ) -> Result<Vec<Control>, EngineError> {
         let mut controls = Vec::new();
-        let mut read = |kind, name, frames: &[Frame]| {
-            let reading = Reading::from_logits(&reader.logits(frames)?, message.num_bits())?;
+        let mut weigh = |kind, name, logits: &[f32]| {
+            let reading = Reading::from_logits(logits, message.num_bits())?;
             controls.push(Control { kind, name, reading, message });
             Ok::<_, EngineError>(())
         };
+        let options = ReadOptions { framing: Framing::default(), ..options.clone() };
         for path in &exhibits.unrelated {
-            let clip = media::read_clip(path, options)?;
-            read(ControlKind::UnrelatedClip, path.display().to_string(), clip.frames())?;
+            let (sight, _) = look_at(reader, path, &FrameSource::open(path, &options)?, watch)?;
+            weigh(ControlKind::UnrelatedClip, path.display().to_string(), &sight.logits)?;
         }
         for (i, clean) in exhibits.clean.iter().enumerate() {
-            read(ControlKind::CleanRender, format!("clean view {i}"), clean)?;
+            weigh(ControlKind::CleanRender, format!("clean view {i}"), &reader.logits(clean)?)?;
         }
         Ok(controls)
     }
@@ -409,6 +454,24 @@ impl Case<'_> {
         }
         Ok(())
     }
+}
+
+/// Reads one clip from its first frame to its last, and never holds more of it than [`Reader`] looks at together.
+fn look_at(
+    reader: &mut Reader,
+    path: &Path,
+    source: &FrameSource,
+    watch: Watcher<'_>,
+) -> Result<(Sight, Ending), EngineError> {
+    let expected = source.expected_frames();
+    let mut watching = reader.watch();
+    let mut frames = 0;
+    let ending = source.for_each(&mut |frame| {
+        watching.push(frame)?;
+        frames += 1;
+        watch(Progress { path, frames, expected })
+    })?;
+    Ok((watching.finish()?, ending))
 }
 
 fn id_evidence(code: IdCode, promised: u32, found: IdReading, p_value: Option<SearchedP>) -> IdEvidence {

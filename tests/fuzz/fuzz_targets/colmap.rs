@@ -1,4 +1,4 @@
-//! COLMAP's binary files: the first byte says how many of the others are cameras, in 256ths.
+//! COLMAP's binary files: the first byte says what share of the others are cameras.
 #![no_main]
 
 use guard4d_engine::scene::{CameraSet, ImageSize};

@@ -153,7 +153,7 @@ fn quaternions_keep_their_length_where_the_scales_say_so() {
     let mut scene = axis_aligned(&[[0.0, 0.0, 2.0, 0.0], [0.3, 0.1, 2.5, 0.0]], 0.1);
     scene.scales[0] = 0.3f32.ln();
     scene.scales[4] = 0.3f32.ln();
-    scene.quats = vec![1.6, 0.2, 0.4, 0.3].repeat(2);
+    scene.quats = [1.6, 0.2, 0.4, 0.3].repeat(2);
     let unit = run(&gpu, &scene, &straight_view());
     scene.scales[3] = 1.0;
     scene.scales[7] = 1.0;

@@ -52,7 +52,9 @@ fn gpu_follows_the_twin() {
     for n in [0, 1, 65, 200] {
         let mut random = Random(n as u64);
         let splats = [0, 1, 2].map(|_| random.vec_f32(4 * n, -1.0, 1.0));
-        let heads = random.vec_f32(WARP_COLUMNS * n, -1.0, 1.0);
+        let mut heads = random.vec_f32(WARP_COLUMNS * n, -1.0, 1.0);
+        // Standard deviations only grow: the logarithm of a difference of near numbers has no digits to compare.
+        heads.chunks_exact_mut(WARP_COLUMNS).flat_map(|head| &mut head[4..7]).for_each(|ds| *ds = ds.abs());
         for shift in SHIFTS {
             let want = twin::apply(&splats, &heads, shift == Shift::Screw).concat();
             let got = on_gpu(&gpu, &splats, &heads, shift).expect("runs");

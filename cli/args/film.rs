@@ -1,0 +1,80 @@
+//! Flags of films: which frames of them are read, what part of a frame is the picture, and how they are written.
+
+use std::num::NonZeroU32;
+use std::path::PathBuf;
+
+use clap::Args;
+use guard4d_engine::media::codec::Codec;
+use guard4d_engine::media::framing::{Crop, Framing};
+
+/// Which frames are read.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Frames")]
+pub(crate) struct FrameArgs {
+    /// First frame to read, counted from 0; a video is decoded up to it, and what was decoded is dropped
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(crate) start: u32,
+    /// Read one of so many frames, beginning with the first
+    #[arg(long, value_name = "K", default_value = "1")]
+    pub(crate) every: NonZeroU32,
+    /// Read no more frames than this of each clip
+    #[arg(long, value_name = "N")]
+    pub(crate) max_frames: Option<NonZeroU32>,
+}
+
+/// What part of a frame is the picture.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Frames")]
+pub(crate) struct FramingArgs {
+    /// Part of every suspect frame that is the picture: X,Y,W,H in pixels, or auto, which finds bars
+    ///
+    /// `auto` cuts off bars of one colour, above and below or left and right, where they come in pairs of the same width and the
+    /// picture begins with a straight edge; else it says that there are none. It looks at pictures alone, not at the key, so
+    /// that the p-value stays what it is. Whoever tries several parts by hand has to multiply it by their number.
+    #[arg(long, value_name = "X,Y,W,H|auto")]
+    crop: Option<Crop>,
+    /// Size that suspect pictures had before they were stretched, to which they are brought back: WIDTHxHEIGHT, or auto
+    ///
+    /// `auto` takes them as they are, which is right for nearly all: pictures of any size and shape are squashed to the square
+    /// that CLIP sees, so that stretching by itself changes little.
+    #[arg(long, value_name = "WIDTHxHEIGHT|auto", default_value = "auto", value_parser = PictureSize::parse)]
+    picture_size: PictureSize,
+}
+
+impl FramingArgs {
+    pub(crate) fn framing(&self) -> Framing {
+        Framing { crop: self.crop.unwrap_or_default(), size_px: self.picture_size.0 }
+    }
+}
+
+/// Width and height in pixels; none for `auto`.
+#[derive(Clone, Copy, Debug)]
+struct PictureSize(Option<(u32, u32)>);
+
+impl PictureSize {
+    fn parse(text: &str) -> Result<Self, String> {
+        if text == "auto" { Ok(Self(None)) } else { super::parse_size(text).map(|size| Self(Some(size))) }
+    }
+}
+
+/// Where frames go.
+#[derive(Args, Debug)]
+pub(crate) struct FilmArgs {
+    /// Folder for PNG frames, or a .mp4, .mov, .mkv or .webm file
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+    /// Frames per second of a video
+    #[arg(long, default_value_t = 24)]
+    pub(crate) fps: u32,
+    /// Codec of a video: h264, h265, av1, vp9, or ffv1, which is lossless; unless given, vp9 for .webm and h264 for the others
+    ///
+    /// .mp4 holds all but ffv1, .mov h264 and h265, .webm vp9 and av1, .mkv all.
+    #[arg(long)]
+    pub(crate) codec: Option<Codec>,
+    /// Quality of a video, 0 best: h264 (unless given, 12) and h265 (14) to 51, av1 (16) and vp9 (16) to 63
+    #[arg(long)]
+    pub(crate) crf: Option<u8>,
+    /// Replace what is there
+    #[arg(short = 'w', long)]
+    pub(crate) overwrite: bool,
+}
