@@ -144,7 +144,7 @@ impl Inputs {
         let gate = gate(args, key.bits(), payload.id_bits().map_or(1, IdBits::num_ids))?;
         let model = model::open(&args.model, common)?;
         // Files that cannot be written in place are refused before the work, not after it.
-        model.words()?;
+        model.check_writable()?;
         let message = payload.message(&key.prf())?;
         let (payload, cameras, key_bits) = (payload.id_bits(), cameras(&args.views, &model)?, key.bits());
         let config = EmbedConfig { vantage: vantage(&args.views, &model), ..config(args, (&gate, key_bits))? };

@@ -12,6 +12,7 @@ use guard4d_engine::output::{AtomicDir, Existing};
 
 use crate::args::FilmArgs;
 use crate::media::ffmpeg;
+use crate::stop;
 
 /// Writes the frames, all of `size` (width, height) in pixels, that `shoot` hands to its argument.
 pub(crate) fn write(
@@ -34,7 +35,9 @@ pub(crate) fn write(
             existing,
             ..EncodeOptions::default()
         };
-        let mut writer = VideoWriter::start(&args.out, size, &options)?;
+        // An interruption may end ffmpeg first, which is no failure of its own.
+        let started = VideoWriter::start(&args.out, size, &options);
+        let mut writer = started.or_else(|error| stop::check().and(Err(error)))?;
         shoot(&mut |frame| writer.push(&frame))?;
         return writer.finish();
     }

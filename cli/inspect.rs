@@ -108,10 +108,10 @@ const DEVICE_BYTES: usize = size_of::<f32>() * (SH_FLOATS + 3 * 4);
 fn abilities(model: &Model) -> Vec<String> {
     let source = &model.sources()[0];
     let mut can = vec!["render".to_owned(), "convert".to_owned()];
-    can.push(match (model.words(), source.is_imported()) {
+    can.push(match (model.check_writable(), source.is_imported()) {
         (Err(error), _) => format!("not embed: {error}"),
-        (Ok(_), true) => "embed, as a PLY".to_owned(),
-        (Ok(_), false) => "embed, in place".to_owned(),
+        (Ok(()), true) => "embed, as a PLY".to_owned(),
+        (Ok(()), false) => "embed, in place".to_owned(),
     });
     can
 }

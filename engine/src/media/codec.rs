@@ -115,7 +115,10 @@ impl Codec {
         let mut running = spawn(program, &mut command)?;
         let stdout = running.child.stdout.take().expect("spawn pipes stdout");
         let list = std::io::read_to_string(stdout).map_err(|error| failed(program, &error.to_string()))?;
-        running.wait()?;
+        let ended = running.wait()?;
+        if !ended.success {
+            return Err(failed(program, &format!("it ended before it had listed its encoders: {}", ended.messages)));
+        }
         // Each line begins with the encoder's abilities and its name.
         let has = |encoder: &&str| list.lines().any(|line| line.split_whitespace().nth(1) == Some(*encoder));
         self.encoders().iter().find(|encoder| has(encoder)).copied().ok_or_else(|| {

@@ -215,6 +215,14 @@ impl Model {
         Ok(words?.concat())
     }
 
+    /// Whether new colours can be written into copies of the files.
+    ///
+    /// # Errors
+    /// Those of [`SplatSource::words`], which say why not.
+    pub fn check_writable(&self) -> Result<(), EngineError> {
+        self.sources.iter().try_for_each(|source| source.num_words().map(|_| ()))
+    }
+
     /// The words for other coefficients; what the moments of a sequence change by is the same for all.
     ///
     /// # Shapes
@@ -255,7 +263,7 @@ impl Model {
     pub fn with_words(&self, words: &[u32]) -> Vec<Vec<u8>> {
         let mut rest = words;
         let copy = |source: &SplatSource| {
-            let (own, others) = rest.split_at(rest.len().min(source.num_words()));
+            let (own, others) = rest.split_at(rest.len().min(source.num_words().unwrap_or_default()));
             rest = others;
             source.with_words(own)
         };

@@ -2,10 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
+use rayon::prelude::*;
+
 use super::formats::glb::GlbFile;
 use super::formats::splatv::SplatvFile;
 use super::formats::{Format, import};
-use super::gaussians::Gaussians;
+use super::gaussians::{CHANNELS, Gaussians};
 use super::ply::{PlyFile, encode};
 use super::trajectories::Trajectories;
 use super::{bad_data, read_file};
@@ -165,9 +167,17 @@ impl SplatSource {
         }
     }
 
-    /// How many words [`SplatSource::words`] has; none for files that cannot be written in place.
-    pub(super) fn num_words(&self) -> usize {
-        self.words().map_or(0, |words| words.len())
+    /// How many words [`SplatSource::words`] has, without reading them.
+    ///
+    /// # Errors
+    /// As [`SplatSource::words`].
+    pub fn num_words(&self) -> Result<usize, EngineError> {
+        let rows = self.kept.as_ref().map_or(self.rows(), Vec::len);
+        match &self.file {
+            File::Ply(file) => Ok(rows * file.words_per_splat()?),
+            File::Glb(file) => Ok(file.num_words(self.kept.as_deref())),
+            File::Splatv(_) => Ok(rows * CHANNELS),
+        }
     }
 
     /// The words that coefficients are stored as.
@@ -215,7 +225,8 @@ impl Opened {
     fn leave_out_broken(&mut self, path: &Path) -> Result<(), EngineError> {
         let gaussians = &self.gaussians;
         let moves_soundly = |row: usize| self.trajectories.as_ref().is_none_or(|paths| paths.is_finite(row));
-        let keep: Vec<bool> = (0..gaussians.len()).map(|row| gaussians.is_sound(row) && moves_soundly(row)).collect();
+        let keep: Vec<bool> =
+            (0..gaussians.len()).into_par_iter().map(|row| gaussians.is_sound(row) && moves_soundly(row)).collect();
         let kept = keep.iter().filter(|&&keep| keep).count();
         let broken = keep.len() - kept;
         if broken == 0 {

@@ -11,6 +11,7 @@ use crate::support::repo;
 mod damaged;
 mod foreign;
 mod glb;
+mod interop;
 mod moving;
 mod spz;
 

@@ -243,6 +243,12 @@ impl GlbFile {
         self.places(rows).map(|(at, _)| word(at)).collect()
     }
 
+    /// How many words [`GlbFile::words`] has.
+    #[must_use]
+    pub fn num_words(&self, rows: Option<&[u32]>) -> usize {
+        self.places(rows).count()
+    }
+
     /// The words that coefficients `[rows,16,3]`, in the axes of PLY files, are stored as.
     ///
     /// # Errors

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use rayon::prelude::*;
+
 use crate::error::EngineError;
 use crate::scene::formats::dc_of_colour;
 use crate::scene::gaussians::{CHANNELS, Gaussians, MAX_SH_DEGREE, SH_FLOATS, Y0, check_coeffs, sh_bases};
@@ -116,25 +118,27 @@ impl PlyFile {
         let body = Body::new(&self.path, &self.header, self.layout.vertex, &self.bytes)?;
         let count = self.len();
         let mut gaussians = Gaussians {
-            means: Vec::with_capacity(count),
-            quats: Vec::with_capacity(count),
-            scales: Vec::with_capacity(count),
-            opacities: Vec::with_capacity(count),
+            means: vec![[0.0; 3]; count],
+            quats: vec![[0.0; 4]; count],
+            scales: vec![[0.0; 3]; count],
+            opacities: vec![0.0; count],
             sh_coeffs: vec![0.0; count * SH_FLOATS],
             sh_degree: self.layout.sh_degree,
         };
         let stored = &self.layout.sh_coeffs[..sh_bases(self.layout.sh_degree) * CHANNELS];
-        for (row, splat) in gaussians.sh_coeffs.chunks_exact_mut(SH_FLOATS).enumerate() {
+        let geometry = (&mut gaussians.means, &mut gaussians.quats, &mut gaussians.scales, &mut gaussians.opacities);
+        let rows = geometry.into_par_iter().zip(gaussians.sh_coeffs.par_chunks_exact_mut(SH_FLOATS));
+        rows.enumerate().for_each(|(row, ((mean, quat, scale, opacity), splat))| {
             let record = body.record(row);
             let value = |property| record.value(property);
-            gaussians.means.push(self.layout.means.map(value));
-            gaussians.quats.push(self.layout.quats.map(value));
-            gaussians.scales.push(self.layout.scales.map(value));
-            gaussians.opacities.push(value(self.layout.opacity));
+            *mean = self.layout.means.map(value);
+            *quat = self.layout.quats.map(value);
+            *scale = self.layout.scales.map(value);
+            *opacity = value(self.layout.opacity);
             for (coeff, property) in splat.iter_mut().zip(stored.iter().flatten()) {
                 *coeff = value(*property);
             }
-        }
+        });
         if self.is_rgb() {
             let splats = gaussians.sh_coeffs.chunks_exact_mut(SH_FLOATS);
             splats.flat_map(|splat| &mut splat[..CHANNELS]).for_each(|value| *value = dc_of_colour(*value));
@@ -184,6 +188,14 @@ impl PlyFile {
             if self.is_big_endian() { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) }
         };
         Ok((0..count).flat_map(|index| places.iter().map(move |place| (index, *place))).map(word).collect())
+    }
+
+    /// How many words [`PlyFile::words`] has for a splat.
+    ///
+    /// # Errors
+    /// As [`PlyFile::with_sh`] for files that cannot be written.
+    pub fn words_per_splat(&self) -> Result<usize, EngineError> {
+        Ok(self.colour_places()?.len())
     }
 
     /// The words that coefficients are stored as. A plain colour stays as it is where the coefficient is the one that it
