@@ -5,6 +5,7 @@
 //   out  moved_means, moved_quats [N,4] (=)
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
+#include "lib/sigmoid.glsl"
 layout(local_size_x = 64) in;
 #include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint n; float time; } p;
@@ -14,11 +15,11 @@ TEXELS_F32(2, paths);
 layout(set = 0, binding = 3) buffer MovedMeans { vec4 moved_means[]; };
 layout(set = 0, binding = 4) buffer MovedQuats { vec4 moved_quats[]; };
 
-// Logit of sigmoid(logit) * exp(-falloff), without the difference of numbers close to 1.
+// Logit of sigmoid(logit) * exp(-falloff), without the difference of numbers close to 1. Drivers may lose a NaN on the way.
 float faded(float logit, float falloff) {
-    float log_opacity = -max(-logit, 0.0) - log(1.0 + exp(-abs(logit)));
-    float opacity = 1.0 / (1.0 + exp(-logit)), rest = 1.0 / (1.0 + exp(logit));
-    return log_opacity - falloff - log(rest + opacity * (1.0 - exp(-falloff)));
+    if (isnan(falloff)) return falloff;
+    float gone = 1.0 - exp(-falloff);
+    return -softplus(-logit) - falloff - log(sigmoid(-logit) + sigmoid(logit) * gone);
 }
 
 void main() {

@@ -7,6 +7,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
 #include "lib/quat.glsl"
+#include "lib/sincos.glsl"
 layout(local_size_x = 64) in;
 #include "lib/texels.glsl"
 layout(constant_id = 0) const uint SCREW = 0;
@@ -29,7 +30,8 @@ vec3 screw(vec3 x, vec3 w, vec3 v) {
     float inverse = 1.0 / max(theta, LEAST_ANGLE);
     w = w * inverse + NUDGE;
     v = v * inverse + NUDGE;
-    float s = sin(theta), c = 1.0 - cos(theta);
+    vec2 turn = sin_cos(theta);
+    float s = turn.x, c = 1.0 - turn.y;
     vec3 wx = cross(w, x), wv = cross(w, v);
     vec3 turned = x + s * wx + c * cross(w, wx);
     return turned + theta * v + c * wv + (theta - s) * cross(w, wv);
