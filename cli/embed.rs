@@ -142,7 +142,8 @@ impl Inputs {
         let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
         let payload = Payload::parse(&args.message, bits)?;
         let gate = gate(args, key.bits(), payload.id_bits().map_or(1, IdBits::num_ids))?;
-        let model = model::open(&args.model, common)?;
+        let open = if args.lossy { model::open_lossy } else { model::open };
+        let model = open(&args.model, common)?;
         // Files that cannot be written in place are refused before the work, not after it.
         model.check_writable()?;
         let message = payload.message(&key.prf())?;

@@ -362,6 +362,9 @@ pub(crate) struct EmbedArgs {
     /// Folder for the marked model, the private files and a preview
     #[arg(long)]
     pub(crate) out: PathBuf,
+    /// Write a marked SPZ as SPZ, whose colours are rounded, instead of as PLY; what is judged is the mark that is left
+    #[arg(long, conflicts_with = "undo")]
+    pub(crate) lossy: bool,
     /// Write nothing: say how much device memory and time this would take, after trying a few clips and steps
     #[arg(long, conflicts_with_all = ["undo", "resume"])]
     pub(crate) dry_run: bool,

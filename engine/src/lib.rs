@@ -7,6 +7,7 @@ pub mod demo;
 pub mod distortion;
 pub mod dump;
 pub mod error;
+pub mod json;
 pub mod lpips;
 pub mod media;
 pub mod output;

@@ -132,8 +132,7 @@ impl ClipConfig {
     /// # Errors
     /// [`EngineError::BadData`] naming the field.
     pub fn from_json(path: &Path, json: &[u8]) -> Result<Self, EngineError> {
-        let config: Self = serde_json::from_slice(json)
-            .map_err(|e| bad(path, "config", e.to_string(), "the configuration of a CLIPModel"))?;
+        let config: Self = crate::json::parse(path, "config", json, "the configuration of a CLIPModel")?;
         config.check(path)?;
         Ok(config)
     }

@@ -95,6 +95,14 @@ impl Model {
         }
     }
 
+    /// The same, but marked copies of an SPZ file will be SPZ files, with rounded colours, and no PLYs.
+    ///
+    /// # Errors
+    /// As [`Model::open`].
+    pub fn open_in_kind(path: &Path) -> Result<Self, EngineError> {
+        if path.is_file() { Ok(Self::of_file(SplatSource::open_in_kind(path)?)) } else { Self::open(path) }
+    }
+
     /// The model in `bytes`, the content of a single file at `path`.
     ///
     /// # Errors

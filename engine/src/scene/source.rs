@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::formats::glb::GlbFile;
 use super::formats::splatv::SplatvFile;
+use super::formats::spz::SpzFile;
 use super::formats::{Format, import};
 use super::gaussians::{CHANNELS, Gaussians};
 use super::ply::{PlyFile, encode};
@@ -29,6 +30,7 @@ enum File {
     Ply(Box<PlyFile>),
     Glb(GlbFile),
     Splatv(SplatvFile),
+    Spz(Box<SpzFile>),
 }
 
 /// What a file held.
@@ -49,6 +51,23 @@ impl SplatSource {
     /// no splat is left.
     pub(super) fn open(path: &Path) -> Result<Opened, EngineError> {
         Self::parse(path, read_file(path, "a file of Gaussian splats")?)
+    }
+
+    /// Reads a file whose copies are to be of its own format, also where that rounds colours: SPZ. Others are read as ever.
+    ///
+    /// # Errors
+    /// As [`SplatSource::open`].
+    pub(super) fn open_in_kind(path: &Path) -> Result<Opened, EngineError> {
+        let bytes = read_file(path, "a file of Gaussian splats")?;
+        if Format::recognise(path, &bytes)? != Format::Spz {
+            return Self::parse(path, bytes);
+        }
+        let file = SpzFile::parse(path, &bytes)?;
+        let (gaussians, warnings) = (file.decode(), Vec::new());
+        let source = Self { file: File::Spz(Box::new(file)), format: Format::Spz, kept: None };
+        let mut opened = Opened { source, gaussians, trajectories: None, warnings };
+        opened.leave_out_broken(path)?;
+        Ok(opened)
     }
 
     /// Takes over `bytes`, which came from `path`.
@@ -96,7 +115,7 @@ impl SplatSource {
     /// Whether copies are written in another format than was read.
     #[must_use]
     pub const fn is_imported(&self) -> bool {
-        !matches!(self.format, Format::Ply | Format::Glb | Format::Splatv)
+        matches!(self.file, File::Ply(_)) && !matches!(self.format, Format::Ply)
     }
 
     /// What the file says about itself: comments, makers and rights.
@@ -105,7 +124,7 @@ impl SplatSource {
         match &self.file {
             File::Ply(file) => file.comments(),
             File::Glb(file) => file.comments(),
-            File::Splatv(_) => &[],
+            File::Splatv(_) | File::Spz(_) => &[],
         }
     }
 
@@ -116,6 +135,7 @@ impl SplatSource {
             File::Ply(file) => file.path(),
             File::Glb(file) => file.path(),
             File::Splatv(file) => file.path(),
+            File::Spz(file) => file.path(),
         }
     }
 
@@ -126,6 +146,7 @@ impl SplatSource {
             File::Ply(file) => file.bytes(),
             File::Glb(file) => file.bytes(),
             File::Splatv(file) => file.bytes(),
+            File::Spz(file) => file.bytes(),
         }
     }
 
@@ -136,6 +157,7 @@ impl SplatSource {
             File::Ply(file) => file.len(),
             File::Glb(file) => file.splats(),
             File::Splatv(file) => file.splats(),
+            File::Spz(file) => file.splats(),
         }
     }
 
@@ -149,7 +171,7 @@ impl SplatSource {
     pub fn is_rgb(&self) -> bool {
         match &self.file {
             File::Ply(file) => file.is_rgb(),
-            File::Glb(_) => false,
+            File::Glb(_) | File::Spz(_) => false,
             File::Splatv(_) => true,
         }
     }
@@ -164,6 +186,7 @@ impl SplatSource {
             File::Ply(file) => file.words(rows),
             File::Glb(file) => Ok(file.words(rows)),
             File::Splatv(file) => Ok(file.words(rows)),
+            File::Spz(file) => Ok(file.words(rows)),
         }
     }
 
@@ -177,6 +200,7 @@ impl SplatSource {
             File::Ply(file) => Ok(rows * file.words_per_splat()?),
             File::Glb(file) => Ok(file.num_words(self.kept.as_deref())),
             File::Splatv(_) => Ok(rows * CHANNELS),
+            File::Spz(file) => Ok(rows * file.words_per_splat()),
         }
     }
 
@@ -193,6 +217,7 @@ impl SplatSource {
             File::Ply(file) => file.words_of(rows, sh_coeffs),
             File::Glb(file) => file.words_of(rows, sh_coeffs),
             File::Splatv(file) => file.words_of(rows, sh_coeffs),
+            File::Spz(file) => file.words_of(rows, sh_coeffs),
         }
     }
 
@@ -206,6 +231,7 @@ impl SplatSource {
             File::Ply(file) => file.coeffs_of(words),
             File::Glb(file) => file.coeffs_of(self.kept.as_deref(), words),
             File::Splatv(_) => SplatvFile::coeffs_of(words),
+            File::Spz(file) => file.coeffs_of(words),
         }
     }
 
@@ -217,6 +243,7 @@ impl SplatSource {
             File::Ply(file) => file.with_words(rows, words),
             File::Glb(file) => file.with_words(rows, words),
             File::Splatv(file) => file.with_words(rows, words),
+            File::Spz(file) => file.with_words(rows, words),
         }
     }
 }

@@ -241,14 +241,9 @@ impl Receipt {
     /// Parses `json`, which came from `path`; whether it is unchanged, [`Receipt::verify_commitment`] says.
     ///
     /// # Errors
-    /// [`EngineError::BadData`] naming line and column.
+    /// [`EngineError::BadData`] saying at which line and column.
     pub fn parse(path: &Path, json: &[u8]) -> Result<Self, EngineError> {
-        serde_json::from_slice(json).map_err(|error| EngineError::BadData {
-            path: path.to_path_buf(),
-            field: format!("line {}, column {}", error.line(), error.column()),
-            got: error.to_string(),
-            expected: "a guard4d.receipt/1".to_owned(),
-        })
+        crate::json::parse(path, "receipt", json, "a guard4d.receipt/1")
     }
 
     /// Writes the receipt as indented JSON; never over an existing file.

@@ -42,7 +42,7 @@ pub fn restore(model: &Path, undo: &Path, out: &Path, existing: Existing) -> Res
     if file.text("format")? != FORMAT {
         return Err(bad("format", file.text("format")?.to_owned(), FORMAT.to_owned()));
     }
-    let marked = Model::open(model)?;
+    let marked = Model::open_in_kind(model)?;
     let stored = marked.words()?;
     let words = file.integers("words", &[stored.len()])?;
     let restored: Vec<u32> = stored.iter().zip(words).map(|(stored, word)| stored ^ word).collect();

@@ -1,15 +1,20 @@
 //! SPZ as it is written here.
 
+use std::io::Read as _;
 use std::path::Path;
 
+use guard4d_engine::output::Existing;
 use guard4d_engine::scene::formats::spz::{decode, encode};
+use guard4d_engine::scene::{Gaussians, Model};
+use guard4d_engine::watermark::undo;
+use proptest::prelude::*;
 
 use super::super::{assert_refused, fixture};
-use super::{golden_bytes, splats_of};
+use super::{golden, golden_bytes, splats_of};
 
 #[test]
 fn a_scene_survives_to_within_half_a_step() {
-    let splats = splats_of(&super::golden("scene.ply"));
+    let splats = splats_of(&golden("scene.ply"));
     let bytes = encode(Path::new("scene.spz"), &splats).expect("it fits");
     let back = decode(Path::new("scene.spz"), &bytes).expect("our own file");
     let worst = |pairs: Vec<(f32, f32)>| pairs.into_iter().map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
@@ -36,7 +41,7 @@ fn a_scene_survives_to_within_half_a_step() {
 
 #[test]
 fn eight_bits_for_each_coefficient_lose_less_than_the_usual_four() {
-    let splats = splats_of(&super::golden("scene.ply"));
+    let splats = splats_of(&golden("scene.ply"));
     let ours = encode(Path::new("scene.spz"), &splats).expect("it fits");
     let error = |bytes: &[u8]| {
         let back = decode(Path::new("scene.spz"), bytes).expect("an SPZ file");
@@ -78,5 +83,92 @@ fn older_versions_are_read() {
         // x is 1 of bytes, turned by 180 degrees: (w, x, y, z) = (0, 1, 0, 0) becomes (-1, 0, 0, 0) but for steps of 1/127.5.
         assert!(splats.quats[0][0] < -0.99, "{name}: {:?}", splats.quats);
         assert!((splats.sh_coeffs[2] - 0.5 / 0.15).abs() < 1e-6, "{name}: blue is at its end");
+    }
+}
+
+/// The bytes inside a gzip stream.
+fn unzipped(bytes: &[u8]) -> Vec<u8> {
+    let mut content = Vec::new();
+    flate2::read::GzDecoder::new(bytes).read_to_end(&mut content).expect("a gzip stream");
+    content
+}
+
+#[test]
+fn a_marked_copy_in_kind_changes_only_colours_and_gives_them_back() {
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    // Version 3 in one stream and version 4 in several; the second is written as the first.
+    for name in ["scene.v3.spz", "scene.v4.spz"] {
+        let model = Model::open_in_kind(&golden(name)).expect(name);
+        assert_eq!(model.gaussians, Model::open(&golden(name)).expect(name).gaussians, "{name}: read alike");
+        let marked: Vec<f32> =
+            model.gaussians.sh_coeffs.iter().map(|h| if *h == 0.0 { 0.0 } else { h + 0.004 }).collect();
+        let stored = model.as_stored(&marked).expect("it fits");
+        assert_eq!(model.as_stored(&stored).expect("it fits"), stored, "{name}: what lies on steps stays");
+        let (out, private) = (folder.path().join(name), folder.path().join(name).with_extension("undo"));
+        model.write_marked(&out, &stored).expect("writable");
+        undo::write(&private, &model, &stored).expect("writable");
+        let copy = Model::open_in_kind(&out.join(name)).expect("our own file");
+        assert_eq!(
+            copy.gaussians,
+            Gaussians { sh_coeffs: stored, ..model.gaussians.clone() },
+            "{name}: as it was judged"
+        );
+        let before = unzipped(model.sources()[0].bytes());
+        let after = unzipped(copy.sources()[0].bytes());
+        let n = model.gaussians.len();
+        // Behind the head 9 bytes of position and one of opacity, 3 of colour, 7 of scale and rotation, then 45.
+        let is_colour = |at: usize| (16 + 10 * n..16 + 13 * n).contains(&at) || at >= 16 + 20 * n;
+        let changed: Vec<usize> = (0..before.len()).filter(|&at| before[at] != after[at]).collect();
+        assert!(changed.len() > n && changed.iter().all(|&at| is_colour(at)), "{name}: {} bytes", changed.len());
+        let restored = folder.path().join(format!("{name}.restored"));
+        undo::restore(&out.join(name), &private, &restored, Existing::Refuse).expect("it is ours");
+        let restored = std::fs::read(restored.join(name)).expect("restored");
+        assert_eq!(unzipped(&restored), before, "{name}: the original's columns");
+        if name == "scene.v3.spz" {
+            assert_eq!(before, unzipped(&golden_bytes(name)), "as the other program packed them");
+        }
+    }
+}
+
+#[test]
+fn offsets_fainter_than_a_step_are_left_on_average() {
+    // Base colours have 255 steps for 1/0.15.
+    let (n, step) = (1000, 1.0 / 0.15 / 255.0);
+    let mut splats = fixture::gaussians(n, 0, 4);
+    splats.sh_coeffs.iter_mut().for_each(|h| *h = h.clamp(-3.0, 3.0));
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    let path = folder.path().join("scene.spz");
+    std::fs::write(&path, encode(&path, &splats).expect("it fits")).expect("writable");
+    let model = Model::open_in_kind(&path).expect("our own file");
+    for share in [0.1, 0.3, 0.77] {
+        let moved = |h: &[f32]| -> Vec<f32> {
+            let mut all = h.to_vec();
+            all.chunks_exact_mut(48).flat_map(|c| &mut c[..3]).for_each(|h| *h += share * step);
+            all
+        };
+        let marked = moved(&model.gaussians.sh_coeffs);
+        let stored = model.as_stored(&marked).expect("it fits");
+        for channel in 0..3 {
+            let of = |h: &[f32]| -> f64 { h.iter().skip(channel).step_by(48).map(|h| f64::from(*h)).sum() };
+            let kept = (of(&stored) - of(&model.gaussians.sh_coeffs)) / n as f64 / f64::from(step);
+            // Discrepancy of a golden section sequence of 1000: below (1 + log2 1000) / 1000 (Niederreiter 1992, theorem 3.4).
+            assert!((kept - f64::from(share)).abs() < 0.011, "{share} of a step, channel {channel}: {kept}");
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn what_was_packed_once_packs_to_the_same_bytes(seed in any::<u64>(), n in 1_usize..40, degree in 0_u32..=3) {
+        let path = Path::new("scene.spz");
+        let first = encode(path, &fixture::gaussians(n, degree, seed)).expect("it fits");
+        let splats = decode(path, &first).expect("our own file");
+        let again = decode(path, &encode(path, &splats).expect("it fits")).expect("our own file");
+        prop_assert_eq!(&again.means, &splats.means);
+        prop_assert_eq!(&again.scales, &splats.scales);
+        prop_assert_eq!(&again.sh_coeffs, &splats.sh_coeffs);
+        prop_assert_eq!(again.sh_degree, degree);
     }
 }

@@ -73,8 +73,7 @@ impl CameraSet {
 }
 
 fn read(reader: Reader<'_>, json: &[u8], dataset_end: Option<f64>) -> Result<CameraSet, EngineError> {
-    let value: serde_json::Value =
-        serde_json::from_slice(json).map_err(|error| bad_data(reader.path, "json", error, FILE_KINDS))?;
+    let value: serde_json::Value = crate::json::parse(reader.path, "json", json, FILE_KINDS)?;
     if value.is_array() {
         return inria::read(reader, value);
     }

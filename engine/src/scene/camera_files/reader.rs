@@ -32,7 +32,7 @@ impl Reader<'_> {
     /// The whole file, `what` of the folder that was asked for.
     pub(super) fn json<T: for<'a> Deserialize<'a>>(&self, what: &str) -> Result<T, EngineError> {
         let bytes = read_file(self.path, what)?;
-        serde_json::from_slice(&bytes).map_err(|error| bad_data(self.path, "json", error, what))
+        crate::json::parse(self.path, "json", &bytes, what)
     }
 
     /// World-to-camera transform of an OpenGL camera-to-world matrix: y and z change their sign.

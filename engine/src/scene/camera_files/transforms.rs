@@ -75,8 +75,7 @@ pub(super) fn dataset_end(path: &Path) -> Result<Option<f64>, EngineError> {
     let mut end: Option<f64> = None;
     for file in [train, test].iter().filter(|file| *file != path) {
         let expected = "frames with their times, as in the dataset's other files";
-        let times: Times = serde_json::from_slice(&read_file(file, "a camera file")?)
-            .map_err(|error| bad_data(file, "json", error, expected))?;
+        let times: Times = crate::json::parse(file, "json", &read_file(file, "a camera file")?, expected)?;
         end = times.frames.into_iter().filter_map(|frame| frame.time).chain(end).reduce(f64::max);
     }
     Ok(end)

@@ -152,8 +152,7 @@ impl GlbFile {
     /// extension asks for, or stands beside others that a node has moved elsewhere.
     pub fn parse(path: &Path, bytes: Vec<u8>) -> Result<Self, EngineError> {
         let (json, binary) = chunks(path, &bytes)?;
-        let document: Document =
-            serde_json::from_slice(json).map_err(|error| bad_data(path, "JSON chunk", error, "a glTF document"))?;
+        let document: Document = crate::json::parse(path, "JSON chunk", json, "a glTF document")?;
         let reader = Reader { path, document: &document, binary };
         let mut parts = Vec::new();
         let mut used = Vec::new();

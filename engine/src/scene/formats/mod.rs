@@ -17,6 +17,7 @@ pub mod sog;
 pub mod splat;
 pub mod splatv;
 pub mod spz;
+mod steps;
 
 use bytes::Bytes;
 

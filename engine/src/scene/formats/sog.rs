@@ -72,8 +72,7 @@ struct Palette {
 pub fn decode(path: &Path, bytes: &[u8]) -> Result<Gaussians, EngineError> {
     let mut reader = Reader { path, archive: Archive::open(path, bytes)?, file_bytes: bytes.len(), splats: 0 };
     let json = reader.archive.read(META, MAX_JSON_BYTES)?;
-    let meta: Meta =
-        serde_json::from_slice(&json).map_err(|error| bad_data(path, META, error, "a SOG description of version 2"))?;
+    let meta: Meta = crate::json::parse(path, META, &json, "a SOG description of version 2")?;
     if meta.version != Some(VERSION) {
         let got = meta.version.map_or_else(|| "none".to_owned(), |version| version.to_string());
         return Err(bad_data(path, format!("{META}, `version`"), got, VERSION));

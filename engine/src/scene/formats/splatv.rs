@@ -6,12 +6,13 @@ use half::f16;
 use serde::Deserialize;
 
 use super::bytes::f32_at;
+use super::steps::dithered_byte;
 use super::{Bytes, dc_of_colour, log_scale, logit_of_byte, with_capacity};
 use crate::error::EngineError;
-use crate::scene::bad_data;
 use crate::scene::gaussians::{CHANNELS, Gaussians, SH_FLOATS, Y0, check_coeffs};
 use crate::scene::limits::{MAX_JSON_BYTES, check_splats};
 use crate::scene::trajectories::{MOTION_FLOATS, Trajectories};
+use crate::scene::{bad_data, narrow};
 
 /// First four bytes: 0x674b, little-endian.
 pub(super) const MAGIC: &[u8] = &[0x4B, 0x67, 0, 0];
@@ -60,8 +61,7 @@ impl SplatvFile {
             return Err(bad_data(path, "length of the description", length, format!("at most {MAX_JSON_BYTES}")));
         }
         let json = rest.take("description", length)?;
-        let parts: Vec<Part> = serde_json::from_slice(json)
-            .map_err(|error| bad_data(path, "description", error, "a .splatv description"))?;
+        let parts: Vec<Part> = crate::json::parse(path, "description", json, "a .splatv description")?;
         let start = 2 * size_of::<u32>() + length;
         let first = parts.first().filter(|part| part.kind == "splat");
         let declared = first.ok_or_else(|| bad_data(path, "description", "no splats first", "type `splat`"))?.size;
@@ -120,14 +120,15 @@ impl SplatvFile {
         colours.map(|byte| u32::from(*byte)).collect()
     }
 
-    /// The words that DC terms `[rows,16,3]` are stored as: the nearest colours.
+    /// The words that DC terms `[rows,16,3]` are stored as, dithered between the two nearest colours.
     ///
     /// # Errors
     /// [`EngineError::Usage`] for coefficients that do not fit.
     pub fn words_of(&self, rows: Option<&[u32]>, sh_coeffs: &[f32]) -> Result<Vec<u32>, EngineError> {
         check_coeffs(rows.map_or(self.splats, <[u32]>::len), 0, sh_coeffs)?;
-        let coeffs = sh_coeffs.chunks_exact(SH_FLOATS).flat_map(|splat| &splat[..CHANNELS]);
-        Ok(coeffs.map(|coeff| u32::from(colour_byte(*coeff))).collect())
+        let steps = |dc: f32| narrow(255.0 * (0.5 + Y0 * f64::from(dc)));
+        let splats = sh_coeffs.chunks_exact(SH_FLOATS).enumerate();
+        Ok(splats.flat_map(|(row, c)| (0..CHANNELS).map(move |i| dithered_byte(steps(c[i]), row, i).into())).collect())
     }
 
     /// The file with other words in the places of [`SplatvFile::words`].
@@ -165,9 +166,4 @@ impl SplatvFile {
     fn place(&self, rows: Option<&[u32]>, index: usize) -> usize {
         self.start + ROW_BYTES * rows.map_or(index, |rows| rows[index] as usize) + COLOUR
     }
-}
-
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
-fn colour_byte(dc: f32) -> u8 {
-    (255.0 * (0.5 + Y0 * f64::from(dc))).round().clamp(0.0, 255.0) as u8
 }

@@ -2,18 +2,20 @@
 //! from version 4 in a Zstandard stream each.
 
 use std::io::{Read, Write as _};
-use std::path::Path;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
 
 use flate2::Compression;
 use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
 use half::f16;
 
+use super::steps::{dithered_byte, nearest_byte};
 use super::{Bytes, GZIP, logit_of_byte, rest_floats, with_capacity, with_largest};
 use crate::error::EngineError;
 use crate::scene::axes::HalfTurn;
 use crate::scene::bad_data;
-use crate::scene::gaussians::{CHANNELS, Gaussians, MAX_SH_DEGREE, SH_FLOATS};
+use crate::scene::gaussians::{CHANNELS, Gaussians, MAX_SH_DEGREE, SH_FLOATS, check_coeffs};
 use crate::scene::limits::{MIN_BYTES_PER_SPLAT, check_splats};
 
 /// First bytes of the data, and from version 4 of the file.
@@ -38,35 +40,25 @@ const FRACTION_BITS: u8 = 12;
 /// Most bits of a fraction that can be read: coordinates have 24 in all.
 const MAX_FRACTION_BITS: u8 = 23;
 
+/// The flag that says how the splats were trained; others are about what follows the columns.
+const ANTIALIASED: u8 = 1;
+
 /// Bytes that a byte of a gzip stream can stand for.
 const MOST_EXPANSION: u64 = 1032;
 
-/// The columns of a file, as they are behind one another in it.
-struct Columns<'a> {
-    version: u32,
-    splats: usize,
-    sh_degree: u32,
-    fraction_bits: u8,
-    means: &'a [u8],
-    opacities: &'a [u8],
-    colours: &'a [u8],
-    scales: &'a [u8],
-    quats: &'a [u8],
-    rest: &'a [u8],
-}
-
 /// What the first 16 bytes say.
+#[derive(Clone, Copy, Debug)]
 struct Head {
     version: u32,
-    splats: usize,
-    sh_degree: u32,
+    splats: u32,
+    sh_degree: u8,
     fraction_bits: u8,
-    /// Number of streams, from version 4.
-    streams: u8,
+    flags: u8,
 }
 
 impl Head {
-    fn read(path: &Path, bytes: &mut Bytes<'_, '_>) -> Result<Self, EngineError> {
+    /// Also the number of streams, which only version 4 has.
+    fn read(path: &Path, bytes: &mut Bytes<'_, '_>) -> Result<(Self, u8), EngineError> {
         if bytes.array::<4>("mark")? != *MAGIC {
             return Err(bad_data(path, "mark", "other bytes", "`NGSP`"));
         }
@@ -74,105 +66,227 @@ impl Head {
         if !(1..=STREAMS).contains(&version) {
             return Err(bad_data(path, "version", version, format!("1 to {STREAMS}")));
         }
-        let splats = bytes.count("splat count")?;
-        let sh_degree = u32::from(bytes.u8("SH degree")?);
-        if sh_degree > MAX_SH_DEGREE {
+        let splats = bytes.u32("splat count")?;
+        let sh_degree = bytes.u8("SH degree")?;
+        if u32::from(sh_degree) > MAX_SH_DEGREE {
             return Err(bad_data(path, "SH degree", sh_degree, format!("0 to {MAX_SH_DEGREE}")));
         }
         let fraction_bits = bytes.u8("fraction bits")?;
         if fraction_bits > MAX_FRACTION_BITS {
             return Err(bad_data(path, "fraction bits", fraction_bits, format!("0 to {MAX_FRACTION_BITS}")));
         }
-        let _flags = bytes.u8("flags")?;
+        let flags = bytes.u8("flags")? & ANTIALIASED;
         let streams = bytes.u8("streams")?;
-        Ok(Self { version, splats, sh_degree, fraction_bits, streams })
+        Ok((Self { version, splats, sh_degree, fraction_bits, flags }, streams))
+    }
+
+    fn splats(&self) -> usize {
+        self.splats as usize
     }
 
     /// Bytes of the columns, in their order in the file.
     fn columns(&self) -> [usize; 6] {
         let coordinate = if self.version == 1 { size_of::<f16>() } else { 3 };
         let quat = if self.version < WRITTEN { 3 } else { size_of::<u32>() };
-        [3 * coordinate, 1, CHANNELS, 3, quat, rest_floats(self.sh_degree)].map(|bytes| bytes * self.splats)
+        [3 * coordinate, 1, CHANNELS, 3, quat, rest_floats(self.sh_degree.into())].map(|bytes| bytes * self.splats())
     }
 
-    fn split<'a>(&self, columns: [&'a [u8]; 6]) -> Columns<'a> {
-        let [means, opacities, colours, scales, quats, rest] = columns;
-        let Self { version, splats, sh_degree, fraction_bits, .. } = *self;
-        Columns { version, splats, sh_degree, fraction_bits, means, opacities, colours, scales, quats, rest }
+    /// Where each column is in a body.
+    fn places(&self) -> [Range<usize>; 6] {
+        let mut end = HEAD_BYTES;
+        self.columns().map(|length| {
+            end += length;
+            end - length..end
+        })
+    }
+
+    fn bytes(&self) -> [u8; HEAD_BYTES] {
+        let mut bytes = [0; HEAD_BYTES];
+        bytes[..4].copy_from_slice(MAGIC);
+        bytes[4..8].copy_from_slice(&self.version.to_le_bytes());
+        bytes[8..12].copy_from_slice(&self.splats.to_le_bytes());
+        bytes[12..15].copy_from_slice(&[self.sh_degree, self.fraction_bits, self.flags]);
+        bytes
+    }
+}
+
+/// A file whose colours can be replaced, rounded to its steps. All other bytes of its columns stay as read; what extensions
+/// added behind them is left out, and so is how they were compressed.
+#[derive(Clone, Debug)]
+pub struct SpzFile {
+    path: PathBuf,
+    head: Head,
+    /// Head and columns, as they are in a gzip stream.
+    body: Vec<u8>,
+    /// The file that is written without a change.
+    packed: Vec<u8>,
+}
+
+impl SpzFile {
+    /// Unpacks `bytes`, which came from `path`.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] for an unknown version, a damaged stream, or columns of other lengths than the head implies.
+    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, EngineError> {
+        let (head, body) = unpack(path, bytes)?;
+        let packed = pack(path, &body)?;
+        Ok(Self { path: path.to_path_buf(), head, body, packed })
+    }
+
+    /// The splats, turned into the axes of PLY files.
+    #[must_use]
+    pub fn decode(&self) -> Gaussians {
+        gaussians_of(&self.head, &self.body)
+    }
+
+    /// Where the file is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The bytes that a copy with the same colours has.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
+        &self.packed
+    }
+
+    /// Number of splats.
+    #[must_use]
+    pub fn splats(&self) -> usize {
+        self.head.splats()
+    }
+
+    /// Bytes of colour that each splat has.
+    #[must_use]
+    pub fn words_per_splat(&self) -> usize {
+        CHANNELS + rest_floats(self.head.sh_degree.into())
+    }
+
+    /// The colour bytes of the splats `rows`, or of all, as words: a splat's base colour, then its other coefficients.
+    #[must_use]
+    pub fn words(&self, rows: Option<&[u32]>) -> Vec<u32> {
+        self.places(rows).map(|at| self.body[at].into()).collect()
+    }
+
+    /// The words that coefficients `[rows,16,3]` are stored as, dithered: see [`dithered_byte`].
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for coefficients that do not fit.
+    pub fn words_of(&self, rows: Option<&[u32]>, sh_coeffs: &[f32]) -> Result<Vec<u32>, EngineError> {
+        check_coeffs(rows.map_or(self.splats(), <[u32]>::len), self.head.sh_degree.into(), sh_coeffs)?;
+        let (used, signs) = (self.words_per_splat(), HalfTurn::AboutX.sh_signs());
+        let word = |row: usize, i: usize| dithered_byte(steps(i, signs[i] * sh_coeffs[row * SH_FLOATS + i]), row, i);
+        let rows = 0..sh_coeffs.len() / SH_FLOATS;
+        Ok(rows.flat_map(|row| (0..used).map(move |i| word(row, i).into())).collect())
+    }
+
+    /// The coefficients `[rows,16,3]` that words are read as.
+    #[must_use]
+    pub fn coeffs_of(&self, words: &[u32]) -> Vec<f32> {
+        let used = self.words_per_splat();
+        let mut turned = with_capacity(words.len() / used, self.head.sh_degree.into());
+        for (splat, words) in turned.sh_coeffs.chunks_exact_mut(SH_FLOATS).zip(words.chunks_exact(used)) {
+            for (i, (coeff, word)) in splat.iter_mut().zip(words).enumerate() {
+                *coeff = coefficient(i, word.to_le_bytes()[0]);
+            }
+        }
+        HalfTurn::AboutX.apply(&mut turned);
+        turned.sh_coeffs
+    }
+
+    /// The file with other words in the places of [`SpzFile::words`].
+    #[must_use]
+    pub fn with_words(&self, rows: Option<&[u32]>, words: &[u32]) -> Vec<u8> {
+        let mut body = self.body.clone();
+        for (at, word) in self.places(rows).zip(words) {
+            body[at] = word.to_le_bytes()[0];
+        }
+        pack(&self.path, &body).expect("memory takes any number of bytes")
+    }
+
+    /// Where the words of `rows` are in the body.
+    fn places<'a>(&'a self, rows: Option<&'a [u32]>) -> impl Iterator<Item = usize> + 'a {
+        let [_, _, colours, _, _, rest] = self.head.places();
+        let more = rest_floats(self.head.sh_degree.into());
+        (0..rows.map_or(self.splats(), <[u32]>::len)).flat_map(move |index| {
+            let row = rows.map_or(index, |rows| rows[index] as usize);
+            let base = colours.start + CHANNELS * row;
+            (base..base + CHANNELS).chain(rest.start + more * row..rest.start + more * (row + 1))
+        })
     }
 }
 
 /// Reads the splats, turned into the axes of PLY files.
 ///
 /// # Errors
-/// [`EngineError::BadData`] for an unknown version, a damaged stream, or columns of other lengths than the head implies.
+/// Those of [`SpzFile::parse`].
 pub fn decode(path: &Path, bytes: &[u8]) -> Result<Gaussians, EngineError> {
-    let mut gaussians = match bytes.starts_with(GZIP) {
-        true => decode_whole(path, bytes)?,
-        false => decode_streams(path, bytes)?,
-    };
-    HalfTurn::AboutX.apply(&mut gaussians);
-    Ok(gaussians)
+    let (head, body) = unpack(path, bytes)?;
+    Ok(gaussians_of(&head, &body))
 }
 
-fn decode_whole(path: &Path, file: &[u8]) -> Result<Gaussians, EngineError> {
+/// Head and columns of any version, as they are in a gzip stream of a version up to 3.
+fn unpack(path: &Path, bytes: &[u8]) -> Result<(Head, Vec<u8>), EngineError> {
+    if bytes.starts_with(GZIP) { unpack_whole(path, bytes) } else { unpack_streams(path, bytes) }
+}
+
+fn pack(path: &Path, body: &[u8]) -> Result<Vec<u8>, EngineError> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+    let packed = encoder.write_all(body).and_then(|()| encoder.finish());
+    packed.map_err(|source| EngineError::Io { path: path.to_path_buf(), source })
+}
+
+fn unpack_whole(path: &Path, file: &[u8]) -> Result<(Head, Vec<u8>), EngineError> {
     let mut decoder = GzDecoder::new(file);
     let head = inflate(path, &mut decoder, "head", HEAD_BYTES)?;
-    let head = Head::read(path, &mut Bytes::new(path, &head))?;
+    let (head, _) = Head::read(path, &mut Bytes::new(path, &head))?;
     if head.version >= STREAMS {
         return Err(bad_data(path, "version", head.version, "less than 4 in a gzip stream"));
     }
-    check_splats(path, "splat count", head.splats, MIN_BYTES_PER_SPLAT, file.len())?;
-    let body = inflate(path, &mut decoder, "columns", head.columns().iter().sum())?;
+    check_splats(path, "splat count", head.splats(), MIN_BYTES_PER_SPLAT, file.len())?;
+    let columns = inflate(path, &mut decoder, "columns", head.columns().iter().sum())?;
     // What extensions may have added is passed over; the stream's checksum is behind it.
     let behind = (file.len() as u64).saturating_mul(MOST_EXPANSION);
     std::io::copy(&mut decoder.take(behind), &mut std::io::sink())
         .map_err(|error| bad_data(path, "end", error, "a whole gzip stream"))?;
-    let mut rest = Bytes::new(path, &body);
-    let mut columns = [&[][..]; 6];
-    for (column, length) in columns.iter_mut().zip(head.columns()) {
-        *column = rest.take("column", length)?;
-    }
-    Ok(unpack(&head.split(columns)))
+    Ok((head, [&head.bytes(), columns.as_slice()].concat()))
 }
 
-fn decode_streams(path: &Path, file: &[u8]) -> Result<Gaussians, EngineError> {
+fn unpack_streams(path: &Path, file: &[u8]) -> Result<(Head, Vec<u8>), EngineError> {
     let mut bytes = Bytes::new(path, file);
-    let head = Head::read(path, &mut bytes)?;
+    let (head, streams) = Head::read(path, &mut bytes)?;
     if head.version < STREAMS {
         return Err(bad_data(path, "version", head.version, "4 outside a gzip stream"));
     }
-    check_splats(path, "splat count", head.splats, MIN_BYTES_PER_SPLAT, file.len())?;
+    check_splats(path, "splat count", head.splats(), MIN_BYTES_PER_SPLAT, file.len())?;
     let lengths = head.columns();
     let used = if head.sh_degree == 0 { 5 } else { 6 };
-    if usize::from(head.streams) < used {
-        return Err(bad_data(path, "streams", head.streams, format!("{used} at this SH degree")));
+    if usize::from(streams) < used {
+        return Err(bad_data(path, "streams", streams, format!("{used} at this SH degree")));
     }
     let table = bytes.count("place of the table")?;
     let table = file.get(table..).unwrap_or_default();
     let mut entries = Bytes::new(path, table);
-    let mut sizes = Vec::with_capacity(usize::from(head.streams));
-    for _ in 0..head.streams {
+    let mut sizes = Vec::with_capacity(usize::from(streams));
+    for _ in 0..streams {
         sizes.push((entries.length("compressed length")?, entries.length("length")?));
     }
-    let mut unpacked = Vec::with_capacity(used);
+    // The columns are those of version 3.
+    let head = Head { version: WRITTEN, ..head };
+    let mut body = head.bytes().to_vec();
     for (index, ((packed, length), expected)) in sizes.into_iter().zip(lengths).enumerate() {
         let field = format!("stream {index}");
         if length != expected {
-            return Err(bad_data(
-                path,
-                field,
-                format!("{length} bytes"),
-                format!("{expected} for {} splats", head.splats),
-            ));
+            let expected = format!("{expected} for {} splats", head.splats);
+            return Err(bad_data(path, field, format!("{length} bytes"), expected));
         }
         let stream = entries.take(&field, packed)?;
         let damaged = |error: String| bad_data(path, &field, error, "a Zstandard stream");
         let mut decoder = ruzstd::decoding::StreamingDecoder::new(stream).map_err(|e| damaged(e.to_string()))?;
-        unpacked.push(inflate(path, &mut decoder, &field, length)?);
+        body.append(&mut inflate(path, &mut decoder, &field, length)?);
     }
-    let column = |index: usize| unpacked.get(index).map_or(&[][..], Vec::as_slice);
-    Ok(unpack(&head.split(std::array::from_fn(column))))
+    Ok((head, body))
 }
 
 /// Exactly `length` bytes of a stream; never more memory than they take.
@@ -186,38 +300,51 @@ fn inflate(path: &Path, stream: &mut impl Read, field: &str, length: usize) -> R
     Ok(bytes)
 }
 
-fn unpack(columns: &Columns<'_>) -> Gaussians {
-    let mut gaussians = with_capacity(columns.splats, columns.sh_degree);
-    let rest = rest_floats(columns.sh_degree);
-    let unit = 1.0 / f32::from(2_u16).powi(i32::from(columns.fraction_bits));
-    for row in 0..columns.splats {
-        gaussians.means.push(std::array::from_fn(|axis| coordinate(columns, 3 * row + axis, unit)));
-        let scale = |axis: usize| f32::from(columns.scales[3 * row + axis]) / SCALE_STEPS + LOWEST_SCALE;
+fn gaussians_of(head: &Head, body: &[u8]) -> Gaussians {
+    let sh_degree = head.sh_degree.into();
+    let mut gaussians = with_capacity(head.splats(), sh_degree);
+    let [means, opacities, colours, scales, quats, rest] = head.places().map(|place| &body[place]);
+    let more = rest_floats(sh_degree);
+    let unit = 1.0 / f32::from(2_u16).powi(i32::from(head.fraction_bits));
+    for row in 0..head.splats() {
+        gaussians.means.push(std::array::from_fn(|axis| coordinate(head.version, means, 3 * row + axis, unit)));
+        let scale = |axis: usize| f32::from(scales[3 * row + axis]) / SCALE_STEPS + LOWEST_SCALE;
         gaussians.scales.push(std::array::from_fn(scale));
-        gaussians.opacities.push(logit_of_byte(columns.opacities[row]));
-        gaussians.quats.push(match columns.version < WRITTEN {
-            true => three_bytes(&columns.quats[3 * row..]),
-            false => smallest_three(&columns.quats[4 * row..]),
+        gaussians.opacities.push(logit_of_byte(opacities[row]));
+        gaussians.quats.push(match head.version < WRITTEN {
+            true => three_bytes(&quats[3 * row..]),
+            false => smallest_three(&quats[4 * row..]),
         });
-        let sh_coeffs = &mut gaussians.sh_coeffs[row * SH_FLOATS..];
-        for (coeff, byte) in sh_coeffs.iter_mut().zip(&columns.colours[CHANNELS * row..CHANNELS * (row + 1)]) {
-            *coeff = (f32::from(*byte) / 255.0 - 0.5) / COLOUR_SCALE;
-        }
-        for (coeff, byte) in sh_coeffs[CHANNELS..].iter_mut().zip(&columns.rest[rest * row..rest * (row + 1)]) {
-            *coeff = (f32::from(*byte) - SH_ZERO) / SH_ZERO;
+        let bytes = colours[CHANNELS * row..CHANNELS * (row + 1)].iter().chain(&rest[more * row..more * (row + 1)]);
+        for (i, (coeff, byte)) in gaussians.sh_coeffs[row * SH_FLOATS..].iter_mut().zip(bytes).enumerate() {
+            *coeff = coefficient(i, *byte);
         }
     }
+    HalfTurn::AboutX.apply(&mut gaussians);
     gaussians
+}
+
+/// What a byte means as float number `index` of a splat's coefficients.
+fn coefficient(index: usize, byte: u8) -> f32 {
+    match index < CHANNELS {
+        true => (f32::from(byte) / 255.0 - 0.5) / COLOUR_SCALE,
+        false => (f32::from(byte) - SH_ZERO) / SH_ZERO,
+    }
+}
+
+/// The inverse of [`coefficient`], before it is rounded.
+fn steps(index: usize, coeff: f32) -> f32 {
+    if index < CHANNELS { 255.0 * (COLOUR_SCALE * coeff + 0.5) } else { SH_ZERO * coeff + SH_ZERO }
 }
 
 /// A coordinate: 24 bits with a sign, or in version 1 a 16-bit float.
 #[allow(clippy::cast_precision_loss, reason = "24 bits fit into a float")]
-fn coordinate(columns: &Columns<'_>, index: usize, unit: f32) -> f32 {
-    if columns.version == 1 {
-        let at = &columns.means[2 * index..];
+fn coordinate(version: u32, means: &[u8], index: usize, unit: f32) -> f32 {
+    if version == 1 {
+        let at = &means[2 * index..];
         return f16::from_le_bytes([at[0], at[1]]).to_f32();
     }
-    let at = &columns.means[3 * index..];
+    let at = &means[3 * index..];
     // Shifted up and down again, so that the highest bit is the sign.
     (i32::from_le_bytes([0, at[0], at[1], at[2]]) >> 8) as f32 * unit
 }
@@ -262,26 +389,23 @@ pub fn encode(path: &Path, gaussians: &Gaussians) -> Result<Vec<u8>, EngineError
     let mut turned = gaussians.clone();
     HalfTurn::AboutX.apply(&mut turned);
     let splats = u32::try_from(turned.len()).map_err(|_| bad_data(path, "splats", turned.len(), "a 32-bit count"))?;
-    let mut out = Vec::with_capacity(HEAD_BYTES + turned.len() * (20 + rest_floats(turned.sh_degree)));
-    out.extend(MAGIC);
-    out.extend(WRITTEN.to_le_bytes());
-    out.extend(splats.to_le_bytes());
-    out.extend([u8::try_from(turned.sh_degree).unwrap_or(u8::MAX), FRACTION_BITS, 0, 0]);
+    let sh_degree = u8::try_from(turned.sh_degree).unwrap_or(u8::MAX);
+    let head = Head { version: WRITTEN, splats, sh_degree, fraction_bits: FRACTION_BITS, flags: 0 };
+    let mut out = head.bytes().to_vec();
+    out.reserve_exact(head.columns().iter().sum());
     for mean in &turned.means {
         for value in mean {
             out.extend(&fixed(path, *value)?.to_le_bytes()[..3]);
         }
     }
-    out.extend(turned.opacities.iter().map(|logit| byte(255.0 / (1.0 + (-logit).exp()))));
+    out.extend(turned.opacities.iter().map(|logit| nearest_byte(255.0 / (1.0 + (-logit).exp()))));
     let splat_coeffs = || turned.sh_coeffs.chunks_exact(SH_FLOATS);
-    out.extend(splat_coeffs().flat_map(|c| &c[..CHANNELS]).map(|h| byte(255.0 * (COLOUR_SCALE * h + 0.5))));
-    out.extend(turned.scales.iter().flatten().map(|s| byte(SCALE_STEPS * (s - LOWEST_SCALE))));
+    out.extend(splat_coeffs().flat_map(|c| (0..CHANNELS).map(|i| nearest_byte(steps(i, c[i])))));
+    out.extend(turned.scales.iter().flatten().map(|s| nearest_byte(SCALE_STEPS * (s - LOWEST_SCALE))));
     out.extend(turned.quats.iter().flat_map(|quat| packed_quat(*quat).to_le_bytes()));
     let rest = CHANNELS..CHANNELS + rest_floats(turned.sh_degree);
-    out.extend(splat_coeffs().flat_map(|c| &c[rest.clone()]).map(|h| byte(SH_ZERO * h + SH_ZERO)));
-    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
-    let packed = encoder.write_all(&out).and_then(|()| encoder.finish());
-    packed.map_err(|source| EngineError::Io { path: path.to_path_buf(), source })
+    out.extend(splat_coeffs().flat_map(|c| rest.clone().map(|i| nearest_byte(steps(i, c[i])))));
+    pack(path, &out)
 }
 
 /// A coordinate in steps of 2⁻¹², of which 24 bits are stored.
@@ -295,12 +419,6 @@ fn fixed(path: &Path, value: f32) -> Result<i32, EngineError> {
             Err(bad_data(path, "coordinate", value, "less than 2048 from the origin, which is all that SPZ holds"))
         }
     }
-}
-
-/// The nearest byte.
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
-fn byte(value: f32) -> u8 {
-    value.round().clamp(0.0, 255.0) as u8
 }
 
 /// The inverse of [`smallest_three`] for a quaternion w, x, y, z of any norm.
