@@ -29,9 +29,9 @@ const SHARES: [usize; 2] = [4, 10];
 pub(super) fn arms(scale: &Scale) -> Vec<Arm> {
     let both = || [ExtractorMode::General, ExtractorMode::Blind].into_iter();
     let at = |mode: ExtractorMode, (bits, psnr): (u32, f32), distortions: Vec<Distortion>| {
-        let about = if distortions.is_empty() { "" } else { ", trained on distortions" };
+        let about = if distortions.is_empty() { " of" } else { " trained on distortions," };
         let config = EmbedConfig { distortions, ..scale.config(Profile::Balanced, mode).with_target(psnr) };
-        with_bits(Arm::new(format!("{mode}, {bits} bits at {psnr} dB{about}"), config), bits)
+        with_bits(Arm::new(format!("{mode}{about} {bits} bits at {psnr} dB"), config), bits)
     };
     let copies = COPIES.map(|(kind, strength)| Distortion::new(kind, strength).expect("strengths of the table"));
     let takes: Vec<Take> = [Take::Plain, Take::H264(CRF)].into_iter().chain(copies.map(Take::Distorted)).collect();
