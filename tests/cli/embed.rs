@@ -5,7 +5,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use guard4d_engine::clip::{Clip, ClipSource};
-use guard4d_engine::scene::ply;
+use guard4d_engine::scene::formats::Export;
+use guard4d_engine::scene::{Gaussians, Model, ply};
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::digest::Digest;
 use guard4d_engine::watermark::embed::RungReport;
@@ -257,4 +258,28 @@ fn a_dry_run_tells_what_it_takes_and_writes_nothing() {
     small.run("tight", &["--vram-budget", "8MiB"]).refused(69, &["memory budget of 8388608"]);
     small.run("tight", &["--vram-budget", "many"]).refused(2, &["--vram-budget", "many"]);
     assert_eq!(names(small.folder.path()), ["model.ply", "out", "owner.key"], "no output of the refused runs");
+}
+
+#[test]
+fn an_spz_stays_one_only_when_asked_to() {
+    let Some(gpu) = device() else { return };
+    let mut small = Small::new(&gpu);
+    let refused = small.run("out", &["--lossy"]);
+    refused.refused(2, &["model.ply with --lossy: PLY", "an SPZ file"]);
+    assert!(!small.out("out").exists(), "nothing was written");
+    let path = Path::new("model.spz");
+    let packed = Export::Spz.encode(path, &gaussians(60, 1, 3)).expect("it fits");
+    small.args[1] = put(small.folder.path(), "model.spz", &packed).display().to_string();
+    small.set("--extractor", "blind");
+    // Any mark will do: what is asked here is where it went.
+    let floats = small.run("floats", &["--min-accuracy", "0"]);
+    floats.done();
+    assert_eq!(names(&small.out("floats").join("marked")), ["model.ply"]);
+    small.run("steps", &["--min-accuracy", "0", "--lossy"]).done();
+    let marked = small.out("steps").join("marked");
+    assert_eq!(names(&marked), ["model.spz"]);
+    let (before, after) = (Model::open(&small.out("model.spz")), Model::open(&marked.join("model.spz")));
+    let (before, after) = (before.expect("an SPZ").gaussians, after.expect("an SPZ").gaussians);
+    assert_ne!(before.sh_coeffs, after.sh_coeffs, "the offsets survive the rounding");
+    assert_eq!(before, Gaussians { sh_coeffs: before.sh_coeffs.clone(), ..after }, "and nothing else changed");
 }

@@ -13,6 +13,7 @@ mod foreign;
 mod glb;
 mod interop;
 mod moving;
+mod round_trips;
 mod spz;
 
 /// A file that splat-transform has written (`tests/golden/formats/README.md`).

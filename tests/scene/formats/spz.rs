@@ -7,7 +7,6 @@ use guard4d_engine::output::Existing;
 use guard4d_engine::scene::formats::spz::{decode, encode};
 use guard4d_engine::scene::{Gaussians, Model};
 use guard4d_engine::watermark::undo;
-use proptest::prelude::*;
 
 use super::super::{assert_refused, fixture};
 use super::{golden, golden_bytes, splats_of};
@@ -154,21 +153,5 @@ fn offsets_fainter_than_a_step_are_left_on_average() {
             // Discrepancy of a golden section sequence of 1000: below (1 + log2 1000) / 1000 (Niederreiter 1992, theorem 3.4).
             assert!((kept - f64::from(share)).abs() < 0.011, "{share} of a step, channel {channel}: {kept}");
         }
-    }
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
-
-    #[test]
-    fn what_was_packed_once_packs_to_the_same_bytes(seed in any::<u64>(), n in 1_usize..40, degree in 0_u32..=3) {
-        let path = Path::new("scene.spz");
-        let first = encode(path, &fixture::gaussians(n, degree, seed)).expect("it fits");
-        let splats = decode(path, &first).expect("our own file");
-        let again = decode(path, &encode(path, &splats).expect("it fits")).expect("our own file");
-        prop_assert_eq!(&again.means, &splats.means);
-        prop_assert_eq!(&again.scales, &splats.scales);
-        prop_assert_eq!(&again.sh_coeffs, &splats.sh_coeffs);
-        prop_assert_eq!(again.sh_degree, degree);
     }
 }
