@@ -29,7 +29,7 @@ const RGB: usize = 3;
 /// Images that go through CLIP at once.
 const IMAGES: usize = 8;
 
-/// Borders of [`conv3d`].
+/// Borders of [`conv3d()`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Border {
     /// Zeros on all sides.

@@ -86,7 +86,7 @@ impl TextTower {
     ///
     /// # Shapes
     /// in `sequences` n sequences of `tokens` ids each, begin and end token included, one after the other ·
-    /// out [n, projection_dim]
+    /// out \[n, projection_dim\]
     /// # Determinism: bitwise, and independent of how many sequences are given
     ///
     /// # Errors

@@ -140,8 +140,8 @@ impl VisionTower {
     /// Image features of a batch.
     ///
     /// # Shapes
-    /// in `pixels` [B, S, S, 4], minus mean over standard deviation per channel, fourth channel ignored ·
-    /// out `ws.embeds`, `ws.features` [B, projection_dim] (=)
+    /// in `pixels` \[B, S, S, 4\], minus mean over standard deviation per channel, fourth channel ignored ·
+    /// out `ws.embeds`, `ws.features` \[B, projection_dim\] (=)
     /// # Equation: Radford et al. 2021, figure 3; features are divided by their length
     /// # Determinism: bitwise
     ///
@@ -166,7 +166,7 @@ impl VisionTower {
     /// Gradient of the pixels, after [`Self::forward`] with the same workspace.
     ///
     /// # Shapes
-    /// in `v_features` [B, projection_dim], gradient of `ws.features` · out `v_pixels` [B, S, S, 4] (=), fourth
+    /// in `v_features` \[B, projection_dim\], gradient of `ws.features` · out `v_pixels` \[B, S, S, 4\] (=), fourth
     /// channel zero
     /// # Determinism: bitwise
     ///

@@ -104,7 +104,7 @@ impl Layer {
     /// Distorts a clip.
     ///
     /// # Shapes
-    /// in `x` [F,H,W,4] in \[0, 1\] · out `y` likewise (=), neither clamped nor rounded to 8 bits but by noise, which clamps
+    /// in `x` \[F,H,W,4\] in \[0, 1\] · out `y` likewise (=), neither clamped nor rounded to 8 bits but by noise, which clamps
     ///
     /// # Errors
     /// [`KernelError::Shape`] before anything is recorded.
@@ -147,7 +147,7 @@ impl Layer {
     /// Gradient to the clip as it was given to [`Self::forward`]. JPEG's rounding passes it.
     ///
     /// # Shapes
-    /// in `x` and `v_y` [F,H,W,4] · out `v_x` likewise (=)
+    /// in `x` and `v_y` \[F,H,W,4\] · out `v_x` likewise (=)
     ///
     /// # Errors
     /// [`KernelError::Shape`] before anything is recorded.

@@ -19,7 +19,7 @@ use crate::error::EngineError;
 use crate::media::Frame;
 use weights::Layer;
 
-/// Mean and standard deviation of the networks' inputs, for colours in [-1, 1] (the reference code's scaling layer).
+/// Mean and standard deviation of the networks' inputs, for colours in \[-1, 1\] (the reference code's scaling layer).
 const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
 /// See [`SHIFT`].
 const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
@@ -30,15 +30,15 @@ pub const NUM_TAPS: usize = 5;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LpipsInput {
-    /// [-1, 1], as the networks' normalisation wants it.
+    /// \[-1, 1\], as the networks' normalisation wants it.
     #[default]
     Canonical,
-    /// [0, 1], as much of the splatting literature gives it, without another normalisation.
+    /// \[0, 1\], as much of the splatting literature gives it, without another normalisation.
     UnitFed,
 }
 
 impl LpipsInput {
-    /// From colours in [0, 1] to the network's input.
+    /// From colours in \[0, 1\] to the network's input.
     fn normalization(self) -> Normalization {
         match self {
             // (2 x - 1 - shift) / scale.

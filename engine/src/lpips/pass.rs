@@ -271,7 +271,7 @@ impl Lpips {
     /// The distance of two clips, mean over their frames, and if asked for its gradient.
     ///
     /// # Shapes
-    /// in `pair` · out `gradient.0` [F, H, W, 4] (+=) inside the part that is compared, with `gradient.1` as factor · `pass.values()` (=)
+    /// in `pair` · out `gradient.0` \[F, H, W, 4\] (+=) inside the part that is compared, with `gradient.1` as factor · `pass.values()` (=)
     /// # Equation: Zhang et al. 2018, eq. 1, version 0.1 of their weights and code
     /// # Determinism: bitwise; sums in a fixed order, no atomics
     ///

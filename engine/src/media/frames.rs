@@ -31,7 +31,7 @@ impl Frame {
     /// Rounds a rendered picture `[H, W, 4]` to the nearest of 256 levels; the fourth channel is dropped.
     ///
     /// Truncation would cost 52.9 dB by itself, more than a faint mark; rounding costs 58.9 dB.
-    /// Values outside [0, 1] are clamped.
+    /// Values outside \[0, 1\] are clamped.
     ///
     /// # Errors
     /// [`EngineError::NotFinite`] for a NaN or infinite colour; [`EngineError::Usage`] for a wrong length.
@@ -71,7 +71,7 @@ impl Frame {
         &self.rgb
     }
 
-    /// The picture as `[H, W, 4]` with colours in [0, 1] and a fourth channel of 0.
+    /// The picture as `[H, W, 4]` with colours in \[0, 1\] and a fourth channel of 0.
     #[must_use]
     pub fn to_rgba32f(&self) -> Vec<f32> {
         let unit = |level: u8| f32::from(level) / 255.0;

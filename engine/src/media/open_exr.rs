@@ -75,7 +75,7 @@ fn decode(path: &Path, ffmpeg: &Ffmpeg, format: &str) -> Result<Vec<f32>, Engine
     Ok(bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect())
 }
 
-/// sRGB's transfer function, light in [0, 1] to code values in [0, 1]. Infinite light is white; NaN stays NaN.
+/// sRGB's transfer function, light in \[0, 1\] to code values in \[0, 1\]. Infinite light is white; NaN stays NaN.
 fn to_code(light: f32) -> f32 {
     let light = light.clamp(0.0, 1.0);
     if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }

@@ -24,9 +24,9 @@ pub(super) const COPY_PX: u32 = 400;
 pub enum Take {
     /// The scene's unseen cameras.
     Plain,
-    /// The same at [`COPY_PX`], distorted.
+    /// The same at `COPY_PX`, distorted.
     Distorted(Distortion),
-    /// The same at [`COPY_PX`] through H.264 at this constant rate factor.
+    /// The same at `COPY_PX` through H.264 at this constant rate factor.
     H264(u8),
     /// The mark made so many times as strong.
     Strength(f32),

@@ -171,7 +171,7 @@ impl Calibration {
 /// Half the mean change of the text feature when a bit flips from 0 to 1 `[L, D]`.
 ///
 /// # Shapes
-/// in `features` [n, D] · `signs` [n, L], ±1 · `mean` [D]
+/// in `features` \[n, D\] · `signs` \[n, L\], ±1 · `mean` \[D\]
 #[must_use]
 pub fn bit_codes(features: &[f32], signs: &[f32], mean: &[f32], bits: usize) -> Vec<f32> {
     let width = mean.len();
@@ -182,7 +182,7 @@ pub fn bit_codes(features: &[f32], signs: &[f32], mean: &[f32], bits: usize) -> 
 /// The coordinates that a calibration mixed by another key has: a rotation of a rotated frame is one more rotation.
 ///
 /// # Shapes
-/// in `coordinates` [L] · out [L]
+/// in `coordinates` \[L\] · out \[L\]
 pub(super) fn remix(coordinates: &[f64], rng: &mut ChaCha20Rng) -> Vec<f64> {
     let mixed = random_rotation(coordinates.len(), rng).tr_mul(&DVector::from_column_slice(coordinates));
     mixed.iter().copied().collect()

@@ -14,7 +14,7 @@ use crate::scene::gaussians::CHANNELS;
 /// Share of the pixels that [`ColourDifference::p95`] leaves above itself.
 const RARE: f64 = 0.05;
 
-/// CIEDE2000 difference of two sRGB colours with values in [0, 1] (beyond, they are clamped). Around 1 is the least that is
+/// CIEDE2000 difference of two sRGB colours with values in \[0, 1\] (beyond, they are clamped). Around 1 is the least that is
 /// seen side by side, 2 to 3 what is seen at a glance.
 #[must_use]
 pub fn difference(a: [f32; CHANNELS], b: [f32; CHANNELS]) -> f32 {

@@ -242,7 +242,7 @@ impl FeatureExtractor {
     /// Features of one resized clip per branch; B is the number of branches or, with room for it, 1.
     ///
     /// # Shapes
-    /// in `clips` B × [F,S,S,4] in [0, 1], fourth channel 0 · out [`FeatureExtractor::features`] (=)
+    /// in `clips` B × \[F,S,S,4\] in \[0, 1\], fourth channel 0 · out [`FeatureExtractor::features`] (=)
     /// # Equation: Guard4D Eq. 8
     ///
     /// # Errors

@@ -32,7 +32,7 @@ impl<'a> Picture<'a> {
         Self { width: frame.width(), height: frame.height(), samples: Samples::Rgb8(frame.rgb()) }
     }
 
-    /// A rendered picture `[H, W, 4]` with colours in [0, 1].
+    /// A rendered picture `[H, W, 4]` with colours in \[0, 1\].
     ///
     /// # Errors
     /// [`EngineError::Usage`] if the length is not 4·H·W.

@@ -256,7 +256,7 @@ impl Tmsd {
     /// `pass.out` = y + s·Δ(y) with y = M x.
     ///
     /// # Shapes
-    /// in `x` [F,S,S,4], fourth channel 0 · out `pass.out` [F,S,S,4] (=)
+    /// in `x` \[F,S,S,4\], fourth channel 0 · out `pass.out` \[F,S,S,4\] (=)
     /// # Equation: Guard4D Eq. 7
     ///
     /// # Errors

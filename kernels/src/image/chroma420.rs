@@ -31,7 +31,7 @@ pub fn inverse(map: &ColourMap) -> ColourMap {
 /// Averages the chroma of every 2×2 quad.
 ///
 /// # Shapes
-/// in `x` [F,H,W,4], fourth channel ignored · out `y` likewise (=), fourth channel 0
+/// in `x` \[F,H,W,4\], fourth channel ignored · out `y` likewise (=), fourth channel 0
 /// # Equation: M⁻¹ P M x with M = [`JFIF`]; P replaces chroma by its mean over the pixel's quad
 /// # Determinism: bitwise; no atomics
 ///
@@ -44,7 +44,7 @@ pub fn forward(rec: &mut Recorder, clip: ClipShape, x: &Buffer<f32>, y: &mut Buf
 /// Gradient to the input of [`forward`].
 ///
 /// # Shapes
-/// in `v_y` [F,H,W,4], fourth channel ignored · out `v_x` likewise (=), fourth channel 0
+/// in `v_y` \[F,H,W,4\], fourth channel ignored · out `v_x` likewise (=), fourth channel 0
 /// # Equation: Mᵀ P M⁻ᵀ `v_y`: P is symmetric
 /// # Determinism: bitwise; no atomics
 ///

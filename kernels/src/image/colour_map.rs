@@ -13,7 +13,7 @@ pub type ColourMap = [[f32; 3]; 3];
 /// Maps every colour of a clip.
 ///
 /// # Shapes
-/// in `x` [n,4], fourth channel ignored · out `y` [n,4] (=), fourth channel 0
+/// in `x` \[n,4\], fourth channel ignored · out `y` \[n,4\] (=), fourth channel 0
 /// # Equation: M x
 /// # Determinism: bitwise; no atomics
 ///
@@ -30,7 +30,7 @@ pub fn forward(rec: &mut Recorder, map: &ColourMap, x: &Buffer<f32>, y: &mut Buf
 /// Gradient to the input.
 ///
 /// # Shapes
-/// in `v_y` [n,4], fourth channel ignored · out `v_x` [n,4] (=), fourth channel 0
+/// in `v_y` \[n,4\], fourth channel ignored · out `v_x` \[n,4\] (=), fourth channel 0
 /// # Equation: Mᵀ v_y
 /// # Determinism: bitwise; no atomics
 ///

@@ -82,7 +82,7 @@ impl Crop {
 /// Cuts a window out of a clip.
 ///
 /// # Shapes
-/// in `x` [F, H, W, 4] · out `y` [., grid, grid, channels], the frames from `y_frame` on (=)
+/// in `x` \[F, H, W, 4\] · out `y` \[., grid, grid, channels\], the frames from `y_frame` on (=)
 /// # Equation: (x − mean) / std of the window's colours; 0 for the padding, beyond the window and in fourth channels
 /// # Determinism: bitwise; no atomics
 ///
@@ -126,7 +126,7 @@ pub fn forward(
 /// Gradient to the clip, which joins what is there.
 ///
 /// # Shapes
-/// in `v_y` [frames, grid, grid, channels] or longer · out `v_x` [F, H, W, 4] (+=) inside the window, fourth channel 0 there
+/// in `v_y` \[frames, grid, grid, channels\] or longer · out `v_x` \[F, H, W, 4\] (+=) inside the window, fourth channel 0 there
 /// # Determinism: bitwise; cells do not overlap, no atomics
 ///
 /// # Errors

@@ -52,7 +52,7 @@ impl JpegQuality {
 /// Codes and decodes every frame with 4:2:0 chroma.
 ///
 /// # Shapes
-/// in `x` [F,H,W,4] in \[0, 1\] · out `y` likewise (=), neither clamped nor rounded to 8 bits, fourth channel 0
+/// in `x` \[F,H,W,4\] in \[0, 1\] · out `y` likewise (=), neither clamped nor rounded to 8 bits, fourth channel 0
 /// # Equation: baseline JPEG (ITU-T T.81) without its entropy coding, which loses nothing; chroma is averaged over quads and
 /// repeated, borders repeat the last pixel
 /// # Determinism: bitwise; no atomics
@@ -77,7 +77,7 @@ pub fn forward(
 /// the averaging of chroma, since the transform and its inverse cancel.
 ///
 /// # Shapes
-/// in `v_y` [F,H,W,4] · out `v_x` likewise (=), fourth channel 0
+/// in `v_y` \[F,H,W,4\] · out `v_x` likewise (=), fourth channel 0
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors

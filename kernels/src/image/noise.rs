@@ -1,4 +1,4 @@
-//! Reproducible Gaussian noise on colours, then the clamp to [0, 1].
+//! Reproducible Gaussian noise on colours, then the clamp to \[0, 1\].
 
 use crate::image::CHANNELS;
 use crate::registry::image::{noise_bwd, noise_fwd};
@@ -10,7 +10,7 @@ const KERNEL: &str = "image/noise";
 /// Strength of the noise and which noise it is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// Standard deviation on the [0, 1] scale.
+    /// Standard deviation on the \[0, 1\] scale.
     pub sigma: f32,
     /// Seed of the run.
     pub seed: u64,
@@ -28,7 +28,7 @@ impl Noise {
 /// Adds noise and clamps.
 ///
 /// # Shapes
-/// in `x` [n,4] · out `y` [n,4] (=); the fourth channel is copied
+/// in `x` \[n,4\] · out `y` \[n,4\] (=); the fourth channel is copied
 /// # Equation: clamp(x + σ·z), z from PCG4D (Jarzynski & Olano 2020) by Box and Muller
 /// # Determinism: a function of pixel index, stream and seed; one driver gives the same bits
 ///
@@ -42,10 +42,10 @@ pub fn forward(rec: &mut Recorder, noise: &Noise, x: &Buffer<f32>, y: &mut Buffe
     rec.dispatch(noise_fwd::Bind { x, y }, params, Grid::threads(n))
 }
 
-/// Gradient to the input: passes where the noisy colour lies in [0, 1].
+/// Gradient to the input: passes where the noisy colour lies in \[0, 1\].
 ///
 /// # Shapes
-/// in `x` [n,4] as given to [`forward`] · `v_y` [n,4] · out `v_x` [n,4] (=), fourth channel 0
+/// in `x` \[n,4\] as given to [`forward`] · `v_y` \[n,4\] · out `v_x` \[n,4\] (=), fourth channel 0
 /// # Determinism: as [`forward`], whose noise is drawn again
 ///
 /// # Errors

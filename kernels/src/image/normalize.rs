@@ -19,7 +19,7 @@ pub struct Normalization {
 /// Normalises a clip.
 ///
 /// # Shapes
-/// in `x` [n,4] · out `y` [n,4] (=), fourth channel 0
+/// in `x` \[n,4\] · out `y` \[n,4\] (=), fourth channel 0
 /// # Equation: (x − mean) / std
 /// # Determinism: bitwise; no atomics
 ///
@@ -41,7 +41,7 @@ pub fn forward(
 /// Gradient to the input.
 ///
 /// # Shapes
-/// in `v_y` [n,4] · out `v_x` [n,4] (=), fourth channel 0
+/// in `v_y` \[n,4\] · out `v_x` \[n,4\] (=), fourth channel 0
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors

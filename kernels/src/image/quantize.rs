@@ -5,11 +5,11 @@ use crate::registry::image::quantize_round;
 use crate::shape::{dim, expect_len};
 use crate::{Buffer, Grid, KernelError, Recorder};
 
-/// Clamps to [0, 1] and rounds to multiples of 1/255, halves up. Training takes its gradient as the
+/// Clamps to \[0, 1\] and rounds to multiples of 1/255, halves up. Training takes its gradient as the
 /// identity, so there is no backward pass.
 ///
 /// # Shapes
-/// in `x` [n,4] · out `y` [n,4] (=); the fourth channel is copied
+/// in `x` \[n,4\] · out `y` \[n,4\] (=); the fourth channel is copied
 /// # Equation: ⌊255 x + ½⌋ / 255
 /// # Determinism: bitwise; no atomics
 ///

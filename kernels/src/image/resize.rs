@@ -204,7 +204,7 @@ impl ResizePlan {
 pub struct Onward<'a> {
     /// Gradient `[F,H,W,4]` of other readers of the input, added.
     pub plus: Option<&'a Buffer<f32>>,
-    /// What the input was clamped to [0, 1] from, `[F,H,W,4]`: nothing passes where it lies outside, or is NaN. Both ends
+    /// What the input was clamped to \[0, 1\] from, `[F,H,W,4]`: nothing passes where it lies outside, or is NaN. Both ends
     /// pass, as in PyTorch's `clamp`.
     pub clamped: Option<&'a Buffer<f32>>,
 }
@@ -244,7 +244,7 @@ fn apply(
 /// Resizes a clip, rows first, then columns.
 ///
 /// # Shapes
-/// in `x` [F,H,W,4] · out `y` [F,h,w,4] (=), fourth channel 0 · `scratch` [F,h,W,4] (=)
+/// in `x` \[F,H,W,4\] · out `y` \[F,h,w,4\] (=), fourth channel 0 · `scratch` \[F,h,W,4\] (=)
 /// # Equation: PyTorch's `interpolate(mode="bilinear", antialias=True, align_corners=True)`
 /// # Determinism: bitwise; no atomics
 ///
@@ -271,7 +271,7 @@ pub fn forward(
 /// Gradient to the input: the exact adjoint of [`forward`], then [`Onward`].
 ///
 /// # Shapes
-/// in `v_y` [F,h,w,4] · `onward` · out `v_x` [F,H,W,4] (=), fourth channel 0 · `scratch` [F,h,W,4] (=)
+/// in `v_y` \[F,h,w,4\] · `onward` · out `v_x` \[F,H,W,4\] (=), fourth channel 0 · `scratch` \[F,h,W,4\] (=)
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors

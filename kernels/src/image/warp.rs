@@ -70,7 +70,7 @@ impl Warp {
 /// Warps every frame.
 ///
 /// # Shapes
-/// in `x` [F,H,W,4] · out `y` likewise (=), fourth channel 0
+/// in `x` \[F,H,W,4\] · out `y` likewise (=), fourth channel 0
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors
@@ -95,7 +95,7 @@ pub fn forward(
 /// Gradient to the input: the exact adjoint of [`forward`], whose fill has none.
 ///
 /// # Shapes
-/// in `v_y` [F,H,W,4] · out `v_x` likewise (=), fourth channel 0
+/// in `v_y` \[F,H,W,4\] · out `v_x` likewise (=), fourth channel 0
 /// # Determinism: bitwise; gathered, no atomics
 ///
 /// # Errors

@@ -99,7 +99,7 @@ impl Groups {
 /// The value of each group: B, the mean margin loss, or the mean square.
 ///
 /// # Shapes
-/// in `logits` [G,R,L] · `target` [L] or [G,R,L], 0 or 1 · out `value` [G] (=)
+/// in `logits` \[G,R,L\] · `target` \[L\] or \[G,R,L\], 0 or 1 · out `value` \[G\] (=)
 /// # Equation: Guard4D Eq. 9; [`Objective`]
 /// # Determinism: bitwise; each group is one sum in order
 ///
@@ -128,7 +128,7 @@ pub fn forward(
 /// Gradient of `weight · Σ_groups loss(value)` to the logits.
 ///
 /// # Shapes
-/// in `logits` [G,R,L] · `target` [L] or [G,R,L] · `value` [G] of [`forward`] · out `v_logits` [G,R,L] (=)
+/// in `logits` \[G,R,L\] · `target` \[L\] or \[G,R,L\] · `value` \[G\] of [`forward`] · out `v_logits` \[G,R,L\] (=)
 /// # Equation: Guard4D Eq. 9 and 10; [`Objective`]
 /// # Determinism: bitwise; no atomics
 ///

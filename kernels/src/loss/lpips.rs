@@ -48,7 +48,7 @@ pub struct Tap<'a> {
 /// Value and gradient of one tap.
 ///
 /// # Shapes
-/// in `tap` · out `v_features` [rows, channels] (=) the gradient of the ReLU's input: where a feature is above 0, what was in
+/// in `tap` · out `v_features` \[rows, channels\] (=) the gradient of the ReLU's input: where a feature is above 0, what was in
 /// `v_features` with [`Accumulate::Add`](crate::shape::Accumulate) plus the own gradient, else 0 · `term.values`, one element (=)
 /// # Equation: Σ w (x / (|x| + ε) − y / (|y| + ε))² / `mean_over` over pixels and channels (Zhang et al. 2018, eq. 1); ε = [`EPS`]
 /// # Determinism: bitwise; sums in a fixed order, no atomics

@@ -22,7 +22,7 @@ pub struct PixelWeights {
 /// Values over three colour channels and, where it is wanted, their gradient; the fourth channel is not read.
 ///
 /// # Shapes
-/// in `pair`: `image` [.,4] and `reference` [.,4], n pixels of each ·
+/// in `pair`: `image` \[.,4\] and `reference` \[.,4\], n pixels of each ·
 /// out `v_image`, if given, like `image`, those pixels (=) or (+=), fourth channel 0 · `term.values`, [`VALUES`]
 /// elements (=); `term.weight` is a factor on both weights
 /// # Equation: Σ (x − y)² / 3n and Σ |x − y| / 3n; the derivative of the latter at equality is 0

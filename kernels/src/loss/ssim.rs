@@ -13,7 +13,7 @@ const KERNEL: &str = "loss/ssim";
 const SIGMA_PX: f64 = 1.5;
 /// Taps on either side of the centre.
 const RADIUS: usize = 5;
-/// (0.01)² and (0.03)², for colours in [0, 1].
+/// (0.01)² and (0.03)², for colours in \[0, 1\].
 const C1: f32 = 0.0001;
 /// See [`C1`].
 const C2: f32 = 0.0009;
@@ -129,8 +129,8 @@ fn column_grid(size: ImageSize) -> Grid {
 /// Computes the moments of the reference clip.
 ///
 /// # Shapes
-/// in `clip` [F,H,W,4] · out `moments` of [F,H,W] (=) · `scratch` of [H,W] (=)
-/// # Equation: windowed mean μ and variance E[y²] − μ²
+/// in `clip` \[F,H,W,4\] · out `moments` of \[F,H,W\] (=) · `scratch` of \[H,W\] (=)
+/// # Equation: windowed mean μ and variance E\[y²\] − μ²
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors
@@ -160,7 +160,7 @@ pub fn prepare(
 /// Mean of 1 − SSIM over a clip and its gradient.
 ///
 /// # Shapes
-/// in `pair` [F,H,W,4] · out `v_clip` [F,H,W,4] (=) or (+=), fourth channel 0 ·
+/// in `pair` \[F,H,W,4\] · out `v_clip` \[F,H,W,4\] (=) or (+=), fourth channel 0 ·
 /// `term.values`, one element (=): the mean over F·H·W·3
 /// # Equation: Wang et al. 2004, eq. 13; 11×11 Gaussian window, σ = 1.5, zero padding. Computed from the
 /// difference of the clips, so that it keeps its precision where they are nearly the same.

@@ -43,7 +43,7 @@ fn groups(n: usize) -> usize {
 /// Writes `scale · Σ partial[range]` to `values[slot]`.
 ///
 /// # Shapes
-/// in `partial` [≥ the range's end] · out `values` [> slot], one element (=)
+/// in `partial` \[≥ the range's end\] · out `values` \[> slot\], one element (=)
 /// # Determinism: bitwise; strided sums of 64 lanes, then lane by lane
 ///
 /// # Errors

@@ -35,7 +35,7 @@ impl Activation {
 /// `y = act(x)`.
 ///
 /// # Shapes
-/// in `x` [n] · out `y` [n] (=); n a multiple of 4
+/// in `x` \[n\] · out `y` \[n\] (=); n a multiple of 4
 /// # Equation: see [`Activation`]; error function by Abramowitz & Stegun 1964, 7.1.26
 /// # Determinism: bitwise; no atomics
 ///
@@ -57,7 +57,7 @@ pub fn forward(
 /// `v_x = v_y act'(x)`.
 ///
 /// # Shapes
-/// in `x` [n] (the forward pass's input) · `v_y` [n] · out `v_x` [n] (=); n a multiple of 4
+/// in `x` \[n\] (the forward pass's input) · `v_y` \[n\] · out `v_x` \[n\] (=); n a multiple of 4
 /// # Equation: derivative of [`Activation`]; 0 for ReLU at 0
 /// # Determinism: bitwise; no atomics
 ///

@@ -252,7 +252,7 @@ fn head_scale(head_dim: usize) -> f32 {
 /// `attn = softmax(Q Kᵀ / √head_dim) V` per head.
 ///
 /// # Shapes
-/// in `inputs`, see [`Projections`] · out `attn` [batch*queries, width] (=) · `state.lse` [batch, heads, queries] (=)
+/// in `inputs`, see [`Projections`] · out `attn` \[batch*queries, width\] (=) · `state.lse` \[batch, heads, queries\] (=)
 /// # Equation: Vaswani et al. 2017, eq. 1; running maximum after Milakov & Gimelshein 2018
 /// # Determinism: bitwise; no atomics
 /// # Cost

@@ -9,7 +9,7 @@ const KERNEL: &str = "nn/axpy";
 /// Adds a scaled tensor.
 ///
 /// # Shapes
-/// in `x` [4n] · `delta` [4n] · out `y` [4n] (=)
+/// in `x` \[4n\] · `delta` \[4n\] · out `y` \[4n\] (=)
 /// # Equation: y = x + s·δ
 /// # Determinism: bitwise; no atomics
 ///
@@ -32,7 +32,7 @@ pub fn forward(
 /// Gradient to `delta`; the gradient to `x` is `v_y` itself.
 ///
 /// # Shapes
-/// in `v_y` [4n] · out `v_delta` [4n] (=)
+/// in `v_y` \[4n\] · out `v_delta` \[4n\] (=)
 /// # Equation: s·v_y
 /// # Determinism: bitwise; no atomics
 ///

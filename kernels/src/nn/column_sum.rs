@@ -11,7 +11,7 @@ const MAX_ROWS: usize = 65_535;
 /// `sum[j]` = Σᵢ x(i, j).
 ///
 /// # Shapes
-/// in `x` [rows, width], width a multiple of 4, at most 65,535 rows · out `sum` [width] (=)
+/// in `x` \[rows, width\], width a multiple of 4, at most 65,535 rows · out `sum` \[width\] (=)
 /// # Determinism: bitwise; rows are added in order
 ///
 /// # Errors

@@ -118,7 +118,7 @@ impl Conv2d {
 /// `y = act(filters * x + bias)`.
 ///
 /// # Shapes
-/// in `x` [F, H, W, Ci] or longer · out `y` [F, H', W', Co] (=), H' = H + 2 padding + 1 - taps; Ci and Co as in
+/// in `x` \[F, H, W, Ci\] or longer · out `y` \[F, H', W', Co\] (=), H' = H + 2 padding + 1 - taps; Ci and Co as in
 /// [`Filters::in_channels`] and [`Filters::out_channels`]
 /// # Equation: cross-correlation with zero padding, as `PyTorch`'s Conv2d
 /// # Determinism: bitwise; every element is one sum over rows, columns and channels of its window, in this order
@@ -156,7 +156,7 @@ pub fn forward(
 /// Gradient to the input.
 ///
 /// # Shapes
-/// in `v_y` [F, H', W', Co] · `gate` [F, H, W, Ci] or longer · out `v_x` [F, H, W, Ci] (=)
+/// in `v_y` \[F, H', W', Co\] · `gate` \[F, H, W, Ci\] or longer · out `v_x` \[F, H, W, Ci\] (=)
 /// # Equation: the filters turned by 180° over `v_y`, zero where `gate` is not above 0: with `gate` = x behind a ReLU the
 /// gradient of that ReLU's input
 /// # Determinism: bitwise, as [`forward`]

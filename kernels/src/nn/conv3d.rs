@@ -252,8 +252,8 @@ fn block(texels: u32, most: u32) -> u32 {
 /// Convolves a clip.
 ///
 /// # Shapes
-/// in `x` [F,H,W,Ci] · `weight` [27,Ci/4,Co,4] (+ [Co] with a bias), tap = (dt·3 + dy)·3 + dx ·
-/// out `y` [F,H,W,Co] (=)
+/// in `x` \[F,H,W,Ci\] · `weight` \[27,Ci/4,Co,4\] (+ \[Co\] with a bias), tap = (dt·3 + dy)·3 + dx ·
+/// out `y` \[F,H,W,Co\] (=)
 /// # Equation: y(t,y,x,o) = φ(b(o) + Σ w(o,i,dt,dy,dx) x(t+dt−1, y+dy−1, x+dx−1, i)), as PyTorch's `conv3d`
 /// # Determinism: bitwise; no atomics
 /// # Cost
@@ -339,7 +339,7 @@ pub struct InputGradient<'a> {
 /// Gradient to the input.
 ///
 /// # Shapes
-/// in `v_y` [F,H,W,Co] · `weight` · `gate` [F,H,W,Ci] · out `v_x` [F,H,W,Ci] (=)
+/// in `v_y` \[F,H,W,Co\] · `weight` · `gate` \[F,H,W,Ci\] · out `v_x` \[F,H,W,Ci\] (=)
 /// # Equation: the adjoint of [`forward`] without its activation, padding included
 /// # Determinism: bitwise; no atomics
 /// # Cost
@@ -406,7 +406,7 @@ pub struct WeightGradient<'a> {
 /// Gradient to the weights and the bias.
 ///
 /// # Shapes
-/// in `x` [F,H,W,Ci] · `v_y` [F,H,W,Co] · out `v_weight` like `weight` (=) or (+=)
+/// in `x` \[F,H,W,Ci\] · `v_y` \[F,H,W,Co\] · out `v_weight` like `weight` (=) or (+=)
 /// # Equation: Σ over pixels of v_y(o) · x(shifted by the tap, i)
 /// # Determinism: bitwise; sums in a fixed order, no atomics
 /// # Cost

@@ -20,8 +20,8 @@ pub struct Tables<'a> {
 /// `y[r] = table[ids[r]] + position[r mod tokens]`.
 ///
 /// # Shapes
-/// in `ids` [rows], rows a multiple of `tokens`, every id below vocab (the caller checks; a larger one reads the last
-/// row) · [`Tables`] · out `y` [rows, width] (=)
+/// in `ids` \[rows\], rows a multiple of `tokens`, every id below vocab (the caller checks; a larger one reads the last
+/// row) · [`Tables`] · out `y` \[rows, width\] (=)
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors

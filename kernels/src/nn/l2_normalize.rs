@@ -9,7 +9,7 @@ const KERNEL: &str = "nn/l2_normalize";
 /// `y = x / |x|` per row, without an epsilon: a zero row gives NaN.
 ///
 /// # Shapes
-/// in `x` [rows, width], width a multiple of 4 · out `y` [rows, width] (=)
+/// in `x` \[rows, width\], width a multiple of 4 · out `y` \[rows, width\] (=)
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors
@@ -24,7 +24,7 @@ pub fn forward(rec: &mut Recorder, x: &Buffer<f32>, width: usize, y: &mut Buffer
 /// `v_x = (v_y − y (y·v_y)) / |x|` per row.
 ///
 /// # Shapes
-/// in `x` [rows, width] (the forward pass's input) · `v_y` [rows, width] · out `v_x` [rows, width] (=)
+/// in `x` \[rows, width\] (the forward pass's input) · `v_y` \[rows, width\] · out `v_x` \[rows, width\] (=)
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors

@@ -70,7 +70,7 @@ impl Rows {
 /// `y = (x − mean) / √(var + ε) γ + β` for the selected rows.
 ///
 /// # Shapes
-/// in `x` [.., width] · out `y` [rows.count, width] (=)
+/// in `x` \[.., width\] · out `y` \[rows.count, width\] (=)
 /// # Equation: Ba et al. 2016, eq. 4; biased variance
 /// # Determinism: bitwise; no atomics
 ///

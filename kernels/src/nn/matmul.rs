@@ -62,7 +62,7 @@ impl<'a> Product<'a> {
 /// `C = epilogue(A Wᵀ + bias)`.
 ///
 /// # Shapes
-/// in `a` [rows, k] · `weight` [n, k] packed · `bias` [n] · residual or pre-activation [rows, n] · out `c` [rows, n] (=);
+/// in `a` \[rows, k\] · `weight` \[n, k\] packed · `bias` \[n\] · residual or pre-activation \[rows, n\] · out `c` \[rows, n\] (=);
 /// n and k are the padded sizes of [`PackedWeight`]
 /// # Equation: s = A Wᵀ + bias, then [`Epilogue`]
 /// # Determinism: bitwise; every element is one sum in the order of k, with 16-bit floats in one that the device fixes
@@ -285,7 +285,7 @@ impl GradScratch {
 /// Gradient of A Wᵀ to the weight: `v_w = v_cᵀ A`.
 ///
 /// # Shapes
-/// in `a` [rows, k] · `v_c` [rows, n] · out `v_w` [n, k] row-major (=)
+/// in `a` \[rows, k\] · `v_c` \[rows, n\] · out `v_w` \[n, k\] row-major (=)
 /// # Determinism: bitwise; every element is one sum in the order of rows
 /// # Cost
 /// 2·rows·n·k operations. Lanes first move 16·rows·(n + k) bytes into their order; tiles read both operands as they are.

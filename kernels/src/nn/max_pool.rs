@@ -53,7 +53,7 @@ impl MaxPool {
 /// `y` = the largest value of each window, per channel; NaN where the window has one.
 ///
 /// # Shapes
-/// in `x` [F, H, W, C] · out `y` [F, H', W', C] (=), see [`MaxPool::out_size`]
+/// in `x` \[F, H, W, C\] · out `y` \[F, H', W', C\] (=), see [`MaxPool::out_size`]
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors
@@ -79,7 +79,7 @@ pub fn forward(rec: &mut Recorder, pool: &MaxPool, x: &Buffer<f32>, y: &mut Buff
 /// Gradient to the input: that of a window goes to its largest value, which is found again.
 ///
 /// # Shapes
-/// in `x` [F, H, W, C] or longer (the forward pass's input) · `v_y` [F, H', W', C] · out `v_x` [F, H, W, C] (=)
+/// in `x` \[F, H, W, C\] or longer (the forward pass's input) · `v_y` \[F, H', W', C\] · out `v_x` \[F, H, W, C\] (=)
 /// # Equation: as `PyTorch`'s: of equal values the first in row-major order counts, of several NaN the last
 /// # Determinism: bitwise; an input adds up the windows over it in order, no atomics
 ///

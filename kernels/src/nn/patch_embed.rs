@@ -57,7 +57,7 @@ impl PatchShape {
 /// Cuts images into rows; the product of a row with the patch weights is the patch embedding.
 ///
 /// # Shapes
-/// in `pixels` [B, side, side, 4], the fourth channel is ignored · out `rows` [B*tokens, patch*patch*4] (=), row 0 of
+/// in `pixels` \[B, side, side, 4\], the fourth channel is ignored · out `rows` \[B*tokens, patch*patch*4\] (=), row 0 of
 /// each image zero, fourth channel zero
 /// # Equation: im2col with stride = patch; Dosovitskiy et al. 2021, eq. 1
 /// # Determinism: bitwise; no atomics
@@ -83,7 +83,7 @@ pub fn unfold(
 /// Adjoint of [`unfold`].
 ///
 /// # Shapes
-/// in `v_rows` [B*tokens, patch*patch*4] · out `v_pixels` [B, side, side, 4] (=), fourth channel zero
+/// in `v_rows` \[B*tokens, patch*patch*4\] · out `v_pixels` \[B, side, side, 4\] (=), fourth channel zero
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors

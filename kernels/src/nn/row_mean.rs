@@ -9,7 +9,7 @@ const KERNEL: &str = "nn/row_mean";
 /// `mean[i]` = average of row i.
 ///
 /// # Shapes
-/// in `x` [rows, width], width a multiple of 4 · out `mean` [rows] (=)
+/// in `x` \[rows, width\], width a multiple of 4 · out `mean` \[rows\] (=)
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors

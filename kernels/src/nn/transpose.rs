@@ -9,7 +9,7 @@ const KERNEL: &str = "nn/transpose";
 /// `y = xᵀ`, rows of `y` padded with zeros to a multiple of 4.
 ///
 /// # Shapes
-/// in `x` [rows, cols] · out `y` [cols, ceil4(rows)] (=)
+/// in `x` \[rows, cols\] · out `y` \[cols, ceil4(rows)\] (=)
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors

@@ -83,7 +83,7 @@ impl AdamState {
 /// One Adam step on `param`.
 ///
 /// # Shapes
-/// in `v_param` [n] · in/out `param` [n] (=) · `state` moments [n] (=), its rates [n / row]; with a tail or rates n is a
+/// in `v_param` \[n\] · in/out `param` \[n\] (=) · `state` moments \[n\] (=), its rates \[n / row\]; with a tail or rates n is a
 /// multiple of their row
 /// # Equation: Adam, Kingma & Ba 2015, Algorithm 1; decoupled decay of Loshchilov & Hutter 2019, Algorithm 2
 /// # Errors: [`KernelError::Shape`] before anything is recorded

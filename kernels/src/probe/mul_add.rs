@@ -32,7 +32,7 @@ impl Chains {
 /// y = Σ_c of the end of the chain v ← v·scale + shift that starts at x + c.
 ///
 /// # Shapes
-/// in `x` [n] · out `y` [n] (=)
+/// in `x` \[n\] · out `y` \[n\] (=)
 /// # Equation: see above; c counts [`CHAINS`] chains
 /// # Errors: [`KernelError::Shape`] before anything is recorded
 /// # Determinism: bitwise on one driver; whether it fuses multiply and add is the driver's choice

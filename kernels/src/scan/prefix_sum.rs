@@ -30,7 +30,7 @@ impl Scratch {
 /// Replaces `data[0..n]` by the sums of what stood before each element; `data[n]` becomes the total.
 ///
 /// # Shapes
-/// in/out `data` [> n, rounded up to 4] (=)
+/// in/out `data` \[> n, rounded up to 4\] (=)
 /// # Equation: `data[i] = sum_{j < i} data[j]`, modulo 2³²
 /// # Determinism: bitwise; no atomics
 ///

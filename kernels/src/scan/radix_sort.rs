@@ -68,7 +68,7 @@ fn lanes(n: usize) -> usize {
 /// Sorts the first `n` pairs by the low `bits` of their keys; equal keys keep their order.
 ///
 /// # Shapes
-/// in/out `pairs.keys`, `pairs.values` [>= n] (=)
+/// in/out `pairs.keys`, `pairs.values` \[>= n\] (=)
 /// # Equation: least-significant-digit radix sort; each lane counts and moves one contiguous chunk
 /// # Determinism: bitwise; no atomics
 ///

@@ -26,7 +26,7 @@ fn check(visible: &BaseColours<'_>, colours: usize) -> Result<(), KernelError> {
 /// Colours of the visible splats. That the offsets have a row for each of them is the caller's part.
 ///
 /// # Shapes
-/// in `visible` [V] · `offsets` [N,4], none for the unmarked colours · out `colours` [V,4] (=), fourth channel 0
+/// in `visible` \[V\] · `offsets` \[N,4\], none for the unmarked colours · out `colours` \[V,4\] (=), fourth channel 0
 /// # Equation: `max(0, base + Y_0 delta)`: Kerbl et al. 2023 with an offset on h_0
 /// # Determinism: bitwise; no atomics
 ///
@@ -53,7 +53,7 @@ pub fn forward(
 /// Gradient of the offsets.
 ///
 /// # Shapes
-/// in `visible` [V] · `offsets` [N,4] · `v_colours` [V,4], fourth channel unread · out `v_offsets` [N,4] (+=)
+/// in `visible` \[V\] · `offsets` \[N,4\] · `v_colours` \[V,4\], fourth channel unread · out `v_offsets` \[N,4\] (+=)
 /// # Equation: `v_delta += Y_0 v_colour`, per channel nothing where the colour before the clamp is < 0
 /// # Determinism: bitwise; no atomics
 ///

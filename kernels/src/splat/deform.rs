@@ -47,7 +47,7 @@ pub struct DeformedOut<'a> {
 /// Adds position, scale, rotation and opacity heads to the raw splats.
 ///
 /// # Shapes
-/// in `splats` [N,4] each · `heads` [N, columns] · out `out` [N,4] each (=)
+/// in `splats` \[N,4\] each · `heads` \[N, columns\] · out `out` \[N,4\] each (=)
 /// # Equation: Wu et al. 2024 (4DGaussians), on values before activation
 /// # Determinism: bitwise; no atomics
 ///
@@ -94,7 +94,7 @@ pub fn apply(
 /// Adds the SH head to the coefficients.
 ///
 /// # Shapes
-/// in `sh_coeffs` [N,16,3] · `heads` [N, columns], at least [`ALL_COLUMNS`] · out `deformed` [N,16,3] (=)
+/// in `sh_coeffs` \[N,16,3\] · `heads` \[N, columns\], at least [`ALL_COLUMNS`] · out `deformed` \[N,16,3\] (=)
 /// # Equation: Wu et al. 2024 (4DGaussians)
 /// # Determinism: bitwise; no atomics
 ///

@@ -81,7 +81,7 @@ fn shape_error(got: usize, expected: String) -> KernelError {
 /// Features of the first `n` means.
 ///
 /// # Shapes
-/// in `means` [N,4] · out `features` [N, levels * padded channels] (=), padding channels 0
+/// in `means` \[N,4\] · out `features` \[N, levels * padded channels\] (=), padding channels 0
 /// # Equation
 /// Cao & Johnson 2023 as in 4DGaussians: positions go through `(p - aabb_0) 2/(aabb_1 - aabb_0) - 1`,
 /// the time is taken as it is; bilinear, corners aligned, border outside; product over the six planes.

@@ -71,7 +71,7 @@ impl Projection {
 /// Projects every splat and culls those that no pixel can see.
 ///
 /// # Shapes
-/// in `splats` [N,4] each · out `out` (=), depths not yet sorted
+/// in `splats` \[N,4\] each · out `out` (=), depths not yet sorted
 /// # Equation
 /// EWA splatting, Zwicker et al. 2001; near plane, blur, radius and frustum clamp as in Kerbl et al.
 /// 2023 (the constants stand in the shader). A splat is culled when its projection is not finite,

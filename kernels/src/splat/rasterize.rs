@@ -112,7 +112,7 @@ impl BackwardScratch {
 /// Blends the visible splats into one frame of a clip.
 ///
 /// # Shapes
-/// in `lists` · `colours` [V,4] · out `frame` [H,W,4] (=): rgb over the background, final transmittance
+/// in `lists` · `colours` \[V,4\] · out `frame` \[H,W,4\] (=): rgb over the background, final transmittance
 /// # Equation
 /// Kerbl et al. 2023: alpha at most 0.99, skipped below 1/255; a pixel stops before the splat that
 /// would bring its transmittance below 1e-4. No clamp of the result.
@@ -194,7 +194,7 @@ fn clear(
 /// Gradient with respect to the colours: the same traversal, then a sum over each splat's tiles.
 ///
 /// # Shapes
-/// in `lists` · `v_frame` [H,W,4], fourth channel unread · out `v_colours` [V,4] (=), fourth channel 0
+/// in `lists` · `v_frame` \[H,W,4\], fourth channel unread · out `v_colours` \[V,4\] (=), fourth channel 0
 /// # Equation: `v_colour_i = sum_p alpha_pi T_pi v_image_p`; geometry and opacity are constants
 /// # Determinism: bitwise; every pair has its own slot and slots are added in a fixed order
 /// # Cost

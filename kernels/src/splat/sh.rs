@@ -53,7 +53,7 @@ fn check(sh: &ShInputs<'_>, visible: &VisibleSplats<'_>, colours: usize) -> Resu
 /// Colours of the visible splats.
 ///
 /// # Shapes
-/// in `sh` [N,16,3] · `visible` [V] · out `colours` [V,4] (=), fourth channel 0
+/// in `sh` \[N,16,3\] · `visible` \[V\] · out `colours` \[V,4\] (=), fourth channel 0
 /// # Equation: `max(0, 1/2 + sum_j Y_j(d) (h_j + delta_j))`, Kerbl et al. 2023; no upper clamp
 /// # Determinism: bitwise; no atomics
 ///
@@ -71,7 +71,7 @@ pub fn forward(
 /// The same before the clamp, which is what offsets can be added to.
 ///
 /// # Shapes
-/// in `sh` [N,16,3] · `visible` [V] · out `colours` [V,4] (=), fourth channel 0
+/// in `sh` \[N,16,3\] · `visible` \[V\] · out `colours` \[V,4\] (=), fourth channel 0
 /// # Equation: `1/2 + sum_j Y_j(d) (h_j + delta_j)`
 /// # Determinism: bitwise; no atomics
 ///
@@ -120,7 +120,7 @@ fn rows(offsets: &Buffer<f32>, bases: OffsetBases, splats: &Range<usize>) -> Buf
 /// Gradient of the offsets.
 ///
 /// # Shapes
-/// in `sh` [N,16,3] with offsets · `visible` [V] · `v_colours` [V,4] · out `v_offsets` like the offsets (+=);
+/// in `sh` \[N,16,3\] with offsets · `visible` \[V\] · `v_colours` \[V,4\] · out `v_offsets` like the offsets (+=);
 /// coefficients above the degree are left alone
 /// # Equation: `v_delta_j += Y_j(d) v_colour`, per channel nothing where the colour before the clamp is < 0
 /// # Determinism: bitwise; no atomics

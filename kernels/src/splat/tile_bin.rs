@@ -198,7 +198,7 @@ impl TileBinner {
     /// Projects, sorts and bins the splats of one view; runs at once and waits.
     ///
     /// # Shapes
-    /// in `splats` [N,4] each
+    /// in `splats` \[N,4\] each
     /// # Equation
     /// The tile lists of Kerbl et al. 2023: a splat is seen only in the 16 x 16 tiles of its 3-sigma
     /// square, pairs are sorted by tile and view depth, ties by index. Lists are held for 8 x 8 tiles,

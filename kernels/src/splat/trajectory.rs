@@ -24,7 +24,7 @@ pub struct Paths<'a> {
 /// Means and rotations at `time`; the opacity fades with the square of the time from its most.
 ///
 /// # Shapes
-/// in `splats` · out `moved_means`, `moved_quats` [N,4] (=)
+/// in `splats` · out `moved_means`, `moved_quats` \[N,4\] (=)
 /// # Equation: Li et al. 2024 (SpacetimeGaussians), eqs. 6 to 9
 /// # Determinism: bitwise; no atomics
 ///

@@ -24,7 +24,7 @@ pub enum Shift {
 /// as the fourth value of `scales` tells the projection.
 ///
 /// # Shapes
-/// in `splats` [N,4] each · `heads` [N,16] · out `out` [N,4] each (=)
+/// in `splats` \[N,4\] each · `heads` \[N,16\] · out `out` \[N,4\] each (=)
 /// # Equation: Yang et al. 2024 (Deformable 3D Gaussians), on values after activation
 /// # Determinism: bitwise; no atomics
 ///

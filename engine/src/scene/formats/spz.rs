@@ -169,7 +169,7 @@ impl SpzFile {
         self.places(rows).map(|at| self.body[at].into()).collect()
     }
 
-    /// The words that coefficients `[rows,16,3]` are stored as, dithered: see [`dithered_byte`].
+    /// The words that coefficients `[rows,16,3]` are stored as, dithered: one of the two nearest, so that the mean of many is kept.
     ///
     /// # Errors
     /// [`EngineError::Usage`] for coefficients that do not fit.

@@ -159,7 +159,7 @@ pub(super) fn colour_map(
     Ok(silencing(&second_moment(pool, stage)?, config.null_gain, config.null_level))
 }
 
-/// E[x xᵀ] over all pixels of the resized unmarked clips.
+/// E\[x xᵀ\] over all pixels of the resized unmarked clips.
 fn second_moment(pool: &mut ClipPool, stage: &mut Stage) -> Result<Matrix3<f64>, EngineError> {
     // Clips come in the order of what is in memory; their sums are added in the order of their numbers.
     let mut sums = vec![(Matrix3::zeros(), 0.0); pool.training().len()];

@@ -87,7 +87,7 @@ pub struct LpipsTerm {
     pub weights: Arc<LpipsWeights>,
     /// Range in which it is given colours.
     pub input: LpipsInput,
-    /// Weight in the loss (GuardSplat: 1, `AlexNet`, [0, 1]-fed), not a share of [`EmbedConfig::lambda_recon`].
+    /// Weight in the loss (GuardSplat: 1, `AlexNet`, \[0, 1\]-fed), not a share of `EmbedConfig::lambda_recon`.
     pub lambda: f32,
     /// Side of a square part of the frames, another in every step, that is compared instead of whole frames.
     pub crop_px: Option<u32>,
