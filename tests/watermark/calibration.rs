@@ -2,7 +2,7 @@
 
 use guard4d_engine::EngineError;
 use guard4d_engine::tensor_file::TensorFile;
-use guard4d_engine::watermark::calibration::{CONTENT_LEVEL, Calibration, bit_codes};
+use guard4d_engine::watermark::calibration::{CONTENT_LEVEL, Calibration};
 use guard4d_engine::watermark::prf::{MasterSecret, Prf, Purpose};
 use guard4d_engine::watermark::scatter::AssetFeatures;
 
@@ -204,19 +204,6 @@ fn poison_and_scarcity_are_refused() {
     ] {
         assert!(matches!(fit(content, responses, BITS), Err(EngineError::NotFinite { .. })), "{what}");
     }
-}
-
-#[test]
-fn codes_are_half_the_change_of_a_flipped_bit() {
-    let mean = [0.5f32, -1.0];
-    let steps = [[0.25f32, 0.0], [0.0, 0.75]];
-    let (mut features, mut signs) = (Vec::new(), Vec::new());
-    for (a, b) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
-        signs.extend([a, b]);
-        features.extend((0..2).map(|j| mean[j] + a * steps[0][j] + b * steps[1][j]));
-    }
-    // Powers of two: exact.
-    assert_close(&bit_codes(&features, &signs, &mean, 2), steps.as_flattened(), 0.0, 0.0);
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The canonical splats of a scene, as stored: before any activation.
 
+use super::narrow;
 use crate::error::EngineError;
 
 /// Highest SH degree that a splat can store.
@@ -92,6 +93,11 @@ impl Gaussians {
             *values.select_nth_unstable_by(middle, f32::total_cmp).1
         })
     }
+}
+
+/// DC coefficient of a plain colour, 0 to 1 unless it is brighter than white or darker than black.
+pub(super) fn dc_of_colour(colour: f32) -> f32 {
+    narrow((f64::from(colour) - 0.5) / Y0)
 }
 
 /// Refuses coefficients that do not fit `splats` splats of this degree.

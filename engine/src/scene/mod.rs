@@ -12,6 +12,7 @@ pub mod camera_flight;
 pub mod camera_paths;
 pub mod cfg_args;
 pub mod deformation;
+mod folder;
 pub mod formats;
 pub mod gaussians;
 pub mod limits;

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::cfg_args::DeformConfig;
 use super::deformation::{DeformationWeights, derive_config};
+use super::folder::{has_splat_extension, list};
 use super::formats::KNOWN;
 use super::gaussians::Gaussians;
 use super::motion::Motion;
@@ -30,9 +31,6 @@ const ACCUM: &str = "deformation_accum.pth";
 
 const WHITE: [f32; 3] = [1.0; 3];
 const BLACK: [f32; 3] = [0.0; 3];
-
-/// Extensions of files that hold splats; an unmarked one must not travel with a marked model.
-const SPLAT_EXTENSIONS: [&str; 7] = ["ply", "splat", "splatv", "spz", "sog", "ksplat", "glb"];
 
 /// Start of the names of training checkpoints, which hold the splats too.
 const CHECKPOINT: &str = "chkpnt";
@@ -341,15 +339,6 @@ fn create_dir(path: &Path) -> Result<(), EngineError> {
         .map_err(|source| EngineError::CannotCreate { path: path.to_path_buf(), reason: source.to_string() })
 }
 
-/// Names of a folder's entries, sorted.
-pub(super) fn list(folder: &Path) -> Result<Vec<PathBuf>, EngineError> {
-    let entries = fs::read_dir(folder).map_err(|source| io_error(folder, source))?;
-    let names = entries.map(|entry| entry.map(|entry| PathBuf::from(entry.file_name())));
-    let mut names: Vec<PathBuf> = names.collect::<Result<_, _>>().map_err(|source| io_error(folder, source))?;
-    names.sort();
-    Ok(names)
-}
-
 /// `PARENT/iteration_N` with the largest N, relative to `root`; `file` is what it should hold.
 fn largest_iteration(root: &Path, parent: &str, file: &str) -> Result<PathBuf, EngineError> {
     let folder = root.join(parent);
@@ -400,11 +389,6 @@ fn check_training_tensor(path: &Path, shape: &[usize]) -> Result<(), EngineError
         PthContent::Tensor(Tensor { shape: got, .. }) => Err(bad_data(path, "shape", format!("{got:?}"), expected)),
         PthContent::StateDict(_) => Err(bad_data(path, "root", "a state dict", expected)),
     }
-}
-
-pub(super) fn has_splat_extension(name: &Path) -> bool {
-    let extension = name.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-    extension.is_some_and(|extension| SPLAT_EXTENSIONS.contains(&extension.as_str()))
 }
 
 fn holds_splats(name: &Path) -> bool {

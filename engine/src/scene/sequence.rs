@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use super::bad_data;
+use super::folder::{has_splat_extension, list};
 use super::gaussians::Gaussians;
 use super::limits::MAX_MOMENTS;
-use super::model::{has_splat_extension, list};
 use super::source::{Opened, SplatSource};
 use crate::error::EngineError;
 

@@ -10,6 +10,7 @@ use rand_chacha::ChaCha20Rng;
 
 use super::decoder::{DecoderWeights, Linear};
 use super::general::GeneralExtractor;
+use super::matrix::{row_major, rows, single};
 use super::prf::standard_normal;
 use super::scatter::{AssetFeatures, Scatter};
 use crate::error::EngineError;
@@ -168,17 +169,6 @@ impl Calibration {
     }
 }
 
-/// Half the mean change of the text feature when a bit flips from 0 to 1 `[L, D]`.
-///
-/// # Shapes
-/// in `features` \[n, D\] · `signs` \[n, L\], ±1 · `mean` \[D\]
-#[must_use]
-pub fn bit_codes(features: &[f32], signs: &[f32], mean: &[f32], bits: usize) -> Vec<f32> {
-    let width = mean.len();
-    let centred = DMatrix::from_fn(features.len() / width, width, |i, j| f64::from(features[i * width + j] - mean[j]));
-    row_major(&(rows(signs, bits).tr_mul(&centred) / centred.nrows().max(1) as f64))
-}
-
 /// The coordinates that a calibration mixed by another key has: a rotation of a rotated frame is one more rotation.
 ///
 /// # Shapes
@@ -198,17 +188,4 @@ pub(super) fn random_rotation(n: usize, rng: &mut ChaCha20Rng) -> DMatrix<f64> {
         }
     }
     q
-}
-
-pub(super) fn rows(values: &[f32], width: usize) -> DMatrix<f64> {
-    DMatrix::from_fn(values.len() / width, width, |i, j| f64::from(values[i * width + j]))
-}
-
-pub(super) fn row_major(matrix: &DMatrix<f64>) -> Vec<f32> {
-    matrix.transpose().iter().map(|v| single(*v)).collect()
-}
-
-#[allow(clippy::cast_possible_truncation, reason = "single precision is what the device takes")]
-pub(super) fn single(value: f64) -> f32 {
-    value as f32
 }

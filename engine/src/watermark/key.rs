@@ -4,14 +4,13 @@ use std::path::{Path, PathBuf};
 
 use guard4d_kernels::Device;
 
-use super::calibration::bit_codes;
 use super::capacity::{self, Spectrum};
 use super::decoder::DecoderWeights;
 use super::decoder_training::{DecoderTraining, Trainer};
 use super::digest::Digest;
 use super::message::{Message, Payload};
 use super::prf::{MasterSecret, Prf, Purpose};
-use super::tokens::{TokenTable, Vocabulary};
+use super::tokens::{TokenTable, Vocabulary, bit_codes};
 use crate::clip::Clip;
 use crate::error::EngineError;
 use crate::output::{AtomicFile, Existing};

@@ -17,6 +17,7 @@ pub mod gate;
 pub mod general;
 pub mod id_code;
 pub mod key;
+mod matrix;
 pub mod message;
 pub mod metrics;
 pub mod null_panel;

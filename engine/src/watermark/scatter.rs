@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-use super::calibration::{row_major, rows, single};
+use super::matrix::{row_major, rows, single};
 use crate::error::EngineError;
 use crate::tensor_file::{Tensor, TensorFile};
 

@@ -6,7 +6,7 @@
 use std::fmt;
 use std::path::Path;
 
-use super::gaussians::{CHANNELS, Gaussians, SH_FLOATS, Y0, sh_bases};
+use super::gaussians::{CHANNELS, Gaussians, SH_FLOATS, sh_bases};
 use super::{bad_data, narrow};
 use crate::error::EngineError;
 
@@ -192,11 +192,6 @@ pub(super) fn logit_of_byte(byte: u8) -> f32 {
 pub(super) fn log_scale(scale: f32) -> f32 {
     const LEAST: f32 = 1e-12;
     if scale == 0.0 { LEAST.ln() } else { scale.ln() }
-}
-
-/// DC coefficient of a plain colour, 0 to 1 unless it is brighter than white or darker than black.
-pub(super) fn dc_of_colour(colour: f32) -> f32 {
-    narrow((f64::from(colour) - 0.5) / Y0)
 }
 
 /// The quaternion w, x, y, z whose component `largest` was left out for being the largest and positive; `others` are the

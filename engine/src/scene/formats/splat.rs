@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use super::bytes::f32_at;
-use super::{dc_of_colour, log_scale, logit_of_byte, with_capacity};
+use super::{log_scale, logit_of_byte, with_capacity};
 use crate::error::EngineError;
 use crate::scene::bad_data;
-use crate::scene::gaussians::{CHANNELS, Gaussians, SH_FLOATS};
+use crate::scene::gaussians::{CHANNELS, Gaussians, SH_FLOATS, dc_of_colour};
 use crate::scene::limits::check_splats;
 
 /// Position and standard deviations as floats, then colour, opacity and rotation as bytes.

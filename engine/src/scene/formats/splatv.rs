@@ -7,9 +7,9 @@ use serde::Deserialize;
 
 use super::bytes::f32_at;
 use super::steps::dithered_byte;
-use super::{Bytes, dc_of_colour, log_scale, logit_of_byte, with_capacity};
+use super::{Bytes, log_scale, logit_of_byte, with_capacity};
 use crate::error::EngineError;
-use crate::scene::gaussians::{CHANNELS, Gaussians, SH_FLOATS, Y0, check_coeffs};
+use crate::scene::gaussians::{CHANNELS, Gaussians, SH_FLOATS, Y0, check_coeffs, dc_of_colour};
 use crate::scene::limits::{MAX_JSON_BYTES, check_splats};
 use crate::scene::trajectories::{MOTION_FLOATS, Trajectories};
 use crate::scene::{bad_data, narrow};

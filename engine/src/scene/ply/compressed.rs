@@ -6,8 +6,8 @@ use super::body::{self, start_of};
 use super::header::{Element, Encoding, Header, Scalar};
 use super::{VERTEX, degree_of};
 use crate::error::EngineError;
-use crate::scene::formats::{dc_of_colour, logit_of_byte, with_capacity, with_largest};
-use crate::scene::gaussians::{CHANNELS, Gaussians, SH_FLOATS, sh_bases};
+use crate::scene::formats::{logit_of_byte, with_capacity, with_largest};
+use crate::scene::gaussians::{CHANNELS, Gaussians, SH_FLOATS, dc_of_colour, sh_bases};
 use crate::scene::limits::check_splats;
 use crate::scene::{bad_data, narrow};
 

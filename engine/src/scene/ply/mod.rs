@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use crate::error::EngineError;
-use crate::scene::formats::dc_of_colour;
-use crate::scene::gaussians::{CHANNELS, Gaussians, MAX_SH_DEGREE, SH_FLOATS, Y0, check_coeffs, sh_bases};
+use crate::scene::gaussians::{
+    CHANNELS, Gaussians, MAX_SH_DEGREE, SH_FLOATS, Y0, check_coeffs, dc_of_colour, sh_bases,
+};
 use crate::scene::limits::check_splats;
 use crate::scene::trajectories::Trajectories;
 use crate::scene::{bad_data, narrow, read_file};
