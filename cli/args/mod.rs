@@ -415,6 +415,8 @@ pub(crate) struct EmbedArgs {
     #[arg(long, value_enum)]
     pub(crate) bases: Option<BasesArg>,
     /// Most that an offset may be, as a change of its splat's colour from 0 to 1: less is harder to see, and survives less
+    ///
+    /// Where not all 16 coefficients of degree 3 have offsets, they may be larger by the root of 16 over their number.
     #[arg(long, value_name = "COLOUR")]
     pub(crate) max_offset: Option<f32>,
     /// Change only the splats that together carry this share of the light in the training views: 1 all, 0.9 far fewer

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use guard4d_engine::EngineError;
 use guard4d_engine::lpips::{LpipsInput, LpipsWeights};
+use guard4d_engine::render::OffsetBases;
 use guard4d_engine::scene::{Camera, CameraSet, View};
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::embed::{
@@ -383,17 +384,22 @@ fn no_offset_exceeds_its_bound() {
     let owner = Owner::new(&gpu);
     // Colour per unit of a DC coefficient: 1 / (2 sqrt(pi)).
     let dc = 0.282_094_8f32;
-    let largest = |max_offset: Option<f32>| {
-        let config = EmbedConfig { steps: 6, max_offset, ..config(&owner, ExtractorMode::Blind) };
+    let largest = |bases: OffsetBases, max_offset: Option<f32>| {
+        let config = EmbedConfig { steps: 6, max_offset, bases, ..config(&owner, ExtractorMode::Blind) };
         let (_, embedded) = train(Embedding::prepare(owner.subject(&gpu), config).expect("prepares"));
         let pairs = embedded.sh_coeffs.iter().zip(&owner.model.gaussians.sh_coeffs);
         pairs.map(|(marked, clean)| dc * (marked - clean).abs()).fold(0.0, f32::max)
     };
-    let (free, bound) = (largest(None), 2e-3);
-    assert!(free > 2.0 * bound, "without a bound: {free}");
-    let bounded = largest(Some(bound));
-    // Some offset is at the bound; coefficients of about 2 are rounded by 1e-7.
-    assert!((bounded - bound).abs() < 2e-7, "{bounded}");
+    let degree = owner.model.gaussians.sh_degree;
+    for (bases, used) in [(OffsetBases::All, (degree + 1).pow(2)), (OffsetBases::Dc, 1)] {
+        // The bound is that of sixteen coefficients; fewer may add as much light.
+        let (free, bound) = (largest(bases, None), 5e-4);
+        let most = bound * (16.0 / used as f32).sqrt();
+        assert!(free > 2.0 * most, "without a bound: {free}");
+        let bounded = largest(bases, Some(bound));
+        // Some offset is at the bound; coefficients of about 2 are rounded by 1e-7.
+        assert!((bounded - most).abs() < 2e-7, "{bases:?}: {bounded}");
+    }
     let default = EmbedConfig::new(Profile::Draft, ExtractorMode::Blind);
     let of = |config: &EmbedConfig| config.max_offset.expect("has one");
     let louder = default.clone().with_target(default.target_psnr - 20.0);

@@ -26,8 +26,8 @@ use super::repeated::Repeated;
 use crate::distortion::{Drawn, Layer};
 use crate::error::EngineError;
 use crate::render::{OffsetBases, Offsets, Renderer};
-use crate::scene::Model;
-use crate::scene::gaussians::{CHANNELS, Y0};
+use crate::scene::gaussians::CHANNELS;
+use crate::scene::{Model, narrow};
 use crate::watermark::decoder::{Decoder, DecoderPass};
 use crate::watermark::extractor::{CLIP_FRAMES, FeatureExtractor, Training};
 use crate::watermark::message::Message;
@@ -203,14 +203,13 @@ pub(super) struct Rates {
 }
 
 /// Both parameter groups of the offsets.
-fn offset_adam(config: &EmbedConfig, rates: Rates) -> AdamConfig {
+fn offset_adam(config: &EmbedConfig, rates: Rates, sh_degree: u32) -> AdamConfig {
     let lr = config.lr_dc * rates.decay;
     let tail = match config.bases {
         OffsetBases::Dc => None,
         OffsetBases::All => Some(Tail { row: config.bases.floats(), head: CHANNELS, lr: lr * config.lr_rest_share }),
     };
-    #[allow(clippy::cast_possible_truncation, reason = "offsets are single precision")]
-    let bound = config.max_offset.map_or(f32::INFINITY, |colour| colour / Y0 as f32);
+    let bound = config.largest_offset(sh_degree).map_or(f32::INFINITY, narrow);
     AdamConfig { lr, keep: rates.keep, bound, tail, ..AdamConfig::default() }
 }
 
@@ -494,7 +493,13 @@ impl Critic {
             let v_offsets = &mut stage.v_offsets;
             offset_penalty::step(rec, (&stage.offsets, blocks), v_offsets, term, &mut stage.penalty_sums)?;
         }
-        adam::step(rec, &mut stage.offsets, &stage.v_offsets, &mut stage.offsets_state, &offset_adam(config, rates))?;
+        adam::step(
+            rec,
+            &mut stage.offsets,
+            &stage.v_offsets,
+            &mut stage.offsets_state,
+            &offset_adam(config, rates, stage.sh_degree),
+        )?;
         if self.training_in(rates) == Training::Tmsd
             && let Some(tmsd) = self.features.tmsd()
         {
