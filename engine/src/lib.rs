@@ -10,6 +10,7 @@ pub mod error;
 pub mod json;
 pub mod lpips;
 pub mod media;
+mod natural;
 pub mod output;
 pub mod render;
 pub mod scene;

@@ -1,6 +1,5 @@
 //! Folders of numbered pictures: PNG, JPEG or OpenEXR.
 
-use std::cmp::Ordering;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -9,7 +8,7 @@ use image::ImageFormat;
 use super::ffmpeg::Ffmpeg;
 use super::frames::Frame;
 use super::open_exr;
-use crate::EngineError;
+use crate::{EngineError, natural};
 
 /// A kind of picture file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,7 +66,8 @@ pub fn list_pictures(folder: &Path) -> Result<Vec<PathBuf>, EngineError> {
         _ => return Err(bad(format!("{} files", kinds.join(" and ")), "files of one kind")),
     }
     let mut paths: Vec<_> = found.into_iter().map(|(path, _)| path).collect();
-    paths.sort_by(|a, b| natural_order(&file_name(a), &file_name(b)));
+    // Names that differ in case or leading zeros only fall back to the plain order.
+    paths.sort_by_cached_key(|path| (natural::key(&file_name(path).to_lowercase()), file_name(path)));
     Ok(paths)
 }
 
@@ -125,25 +125,4 @@ pub fn read_picture(path: &Path, background: [u8; 3], ffmpeg: &Ffmpeg) -> Result
 
 fn file_name(path: &Path) -> String {
     path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
-}
-
-/// Compares names with runs of digits as numbers; equal numbers fall back to the plain order.
-fn natural_order(a: &str, b: &str) -> Ordering {
-    natural_key(a).cmp(&natural_key(b)).then_with(|| a.cmp(b))
-}
-
-/// Text and number runs in turn; a number is its digits without leading zeros, after their count.
-fn natural_key(name: &str) -> Vec<(String, usize, String)> {
-    let mut key = Vec::new();
-    let mut rest = name;
-    while !rest.is_empty() {
-        let text_end = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
-        let (text, tail) = rest.split_at(text_end);
-        let digits_end = tail.find(|c: char| !c.is_ascii_digit()).unwrap_or(tail.len());
-        let (digits, tail) = tail.split_at(digits_end);
-        let number = digits.trim_start_matches('0');
-        key.push((text.to_lowercase(), number.len(), number.to_owned()));
-        rest = tail;
-    }
-    key
 }

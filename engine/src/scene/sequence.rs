@@ -8,6 +8,7 @@ use super::gaussians::Gaussians;
 use super::limits::MAX_MOMENTS;
 use super::source::{Opened, SplatSource};
 use crate::error::EngineError;
+use crate::natural;
 
 /// A folder's moments, their files, and what there is to say about these.
 #[derive(Default)]
@@ -24,7 +25,7 @@ pub(super) struct Take {
 /// offset for all moments needs rows that mean the same in each.
 pub(super) fn open(root: &Path) -> Result<Take, EngineError> {
     let mut names: Vec<PathBuf> = list(root)?.into_iter().filter(|name| has_splat_extension(name)).collect();
-    names.sort_by_cached_key(|name| natural(&name.to_string_lossy()));
+    names.sort_by_cached_key(|name| natural::key(&name.to_string_lossy()));
     if names.is_empty() {
         let expected = "a 4DGaussians folder, or one with a file of splats for each moment".to_owned();
         return Err(EngineError::MissingInput { path: root.join("*.ply"), expected });
@@ -63,34 +64,3 @@ pub(super) fn open(root: &Path) -> Result<Take, EngineError> {
 
 /// Notes that are shown at most.
 const MAX_NOTES: usize = 8;
-
-/// Text and numbers of a name in turn, so that 9 comes before 10.
-fn natural(name: &str) -> Vec<(String, u64)> {
-    let mut parts = vec![(String::new(), 0_u64)];
-    let mut in_number = false;
-    for character in name.chars() {
-        if in_number && !character.is_ascii_digit() {
-            parts.push((String::new(), 0));
-        }
-        in_number = character.is_ascii_digit();
-        if let Some((text, number)) = parts.last_mut() {
-            match character.to_digit(10) {
-                Some(digit) => *number = number.saturating_mul(10).saturating_add(u64::from(digit)),
-                None => text.push(character),
-            }
-        }
-    }
-    parts
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_are_sorted_by_their_numbers() {
-        let mut names = ["take2_10.ply", "take2_9.ply", "take10_1.ply", "take2_009b.ply", "a.ply"];
-        names.sort_by_cached_key(|name| natural(name));
-        assert_eq!(names, ["a.ply", "take2_9.ply", "take2_009b.ply", "take2_10.ply", "take10_1.ply"]);
-    }
-}

@@ -58,16 +58,7 @@ impl SplatSource {
     /// # Errors
     /// As [`SplatSource::open`].
     pub(super) fn open_in_kind(path: &Path) -> Result<Opened, EngineError> {
-        let bytes = read_file(path, "a file of Gaussian splats")?;
-        if Format::recognise(path, &bytes)? != Format::Spz {
-            return Self::parse(path, bytes);
-        }
-        let file = SpzFile::parse(path, &bytes)?;
-        let (gaussians, warnings) = (file.decode(), Vec::new());
-        let source = Self { file: File::Spz(Box::new(file)), format: Format::Spz, kept: None };
-        let mut opened = Opened { source, gaussians, trajectories: None, warnings };
-        opened.leave_out_broken(path)?;
-        Ok(opened)
+        Self::parse_as(path, read_file(path, "a file of Gaussian splats")?, true)
     }
 
     /// Takes over `bytes`, which came from `path`.
@@ -75,6 +66,10 @@ impl SplatSource {
     /// # Errors
     /// As [`SplatSource::open`].
     pub(super) fn parse(path: &Path, bytes: Vec<u8>) -> Result<Opened, EngineError> {
+        Self::parse_as(path, bytes, false)
+    }
+
+    fn parse_as(path: &Path, bytes: Vec<u8>, in_kind: bool) -> Result<Opened, EngineError> {
         let format = Format::recognise(path, &bytes)?;
         let mut warnings = Vec::new();
         let (file, gaussians, trajectories) = match format {
@@ -93,6 +88,11 @@ impl SplatSource {
                 let file = SplatvFile::parse(path, bytes)?;
                 let (gaussians, trajectories) = file.decode();
                 (File::Splatv(file), gaussians, Some(trajectories))
+            }
+            Format::Spz if in_kind => {
+                let file = SpzFile::parse(path, &bytes)?;
+                let gaussians = file.decode();
+                (File::Spz(Box::new(file)), gaussians, None)
             }
             _ => {
                 let gaussians = import(path, format, &bytes)?;

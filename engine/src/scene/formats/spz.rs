@@ -129,7 +129,7 @@ impl SpzFile {
     /// [`EngineError::BadData`] for an unknown version, a damaged stream, or columns of other lengths than the head implies.
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, EngineError> {
         let (head, body) = unpack(path, bytes)?;
-        let packed = pack(path, &body)?;
+        let packed = pack(&body);
         Ok(Self { path: path.to_path_buf(), head, body, packed })
     }
 
@@ -202,7 +202,7 @@ impl SpzFile {
         for (at, word) in self.places(rows).zip(words) {
             body[at] = word.to_le_bytes()[0];
         }
-        pack(&self.path, &body).expect("memory takes any number of bytes")
+        pack(&body)
     }
 
     /// Where the words of `rows` are in the body.
@@ -231,10 +231,9 @@ fn unpack(path: &Path, bytes: &[u8]) -> Result<(Head, Vec<u8>), EngineError> {
     if bytes.starts_with(GZIP) { unpack_whole(path, bytes) } else { unpack_streams(path, bytes) }
 }
 
-fn pack(path: &Path, body: &[u8]) -> Result<Vec<u8>, EngineError> {
+fn pack(body: &[u8]) -> Vec<u8> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
-    let packed = encoder.write_all(body).and_then(|()| encoder.finish());
-    packed.map_err(|source| EngineError::Io { path: path.to_path_buf(), source })
+    encoder.write_all(body).and_then(|()| encoder.finish()).expect("memory takes any number of bytes")
 }
 
 fn unpack_whole(path: &Path, file: &[u8]) -> Result<(Head, Vec<u8>), EngineError> {
@@ -405,7 +404,7 @@ pub fn encode(path: &Path, gaussians: &Gaussians) -> Result<Vec<u8>, EngineError
     out.extend(turned.quats.iter().flat_map(|quat| packed_quat(*quat).to_le_bytes()));
     let rest = CHANNELS..CHANNELS + rest_floats(turned.sh_degree);
     out.extend(splat_coeffs().flat_map(|c| rest.clone().map(|i| nearest_byte(steps(i, c[i])))));
-    pack(path, &out)
+    Ok(pack(&out))
 }
 
 /// A coordinate in steps of 2⁻¹², of which 24 bits are stored.
