@@ -14,6 +14,7 @@ use serde_json::Value;
 
 use super::{Run, command, guard4d, interrupted, is_begun, names, put, scratch};
 use crate::scene::fixture::gaussians;
+use crate::scene::formats::moving::on_paths;
 use crate::support::files_below;
 use crate::support::gpu::{Gpu, device};
 use crate::support::owner::key_file;
@@ -281,5 +282,23 @@ fn an_spz_stays_one_only_when_asked_to() {
     let (before, after) = (Model::open(&small.out("model.spz")), Model::open(&marked.join("model.spz")));
     let (before, after) = (before.expect("an SPZ").gaussians, after.expect("an SPZ").gaussians);
     assert_ne!(before.sh_coeffs, after.sh_coeffs, "the offsets survive the rounding");
+    assert_eq!(offset_on(&small.out("steps")), "SH");
     assert_eq!(before, Gaussians { sh_coeffs: before.sh_coeffs.clone(), ..after }, "and nothing else changed");
+}
+
+/// What a receipt says that the offsets were added to.
+fn offset_on(out: &Path) -> String {
+    let receipt = fs::read(out.join("private/receipt.json")).expect("a receipt");
+    let receipt: Value = serde_json::from_slice(&receipt).expect("JSON");
+    receipt["body"]["settings"]["offset_on"].as_str().expect("a word").to_owned()
+}
+
+#[test]
+fn receipts_tell_of_offsets_on_plain_colours() {
+    let Some(gpu) = device() else { return };
+    let mut small = Small::new(&gpu);
+    small.args[1] = put(small.folder.path(), "take.ply", &on_paths(60)).display().to_string();
+    small.set("--extractor", "blind");
+    small.run("out", &["--min-accuracy", "0"]).done();
+    assert_eq!(offset_on(&small.out("out")), "RGB");
 }

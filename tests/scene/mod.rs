@@ -11,7 +11,7 @@ mod clips;
 mod conventions;
 mod demo;
 pub(crate) mod fixture;
-mod formats;
+pub(crate) mod formats;
 mod model;
 mod output;
 mod ply;

@@ -12,7 +12,7 @@ mod damaged;
 mod foreign;
 mod glb;
 mod interop;
-mod moving;
+pub(crate) mod moving;
 mod round_trips;
 mod spz;
 

@@ -14,19 +14,19 @@ use crate::support::random::Random;
 const SPLATS: usize = 4;
 
 /// A PLY as `SpacetimeGaussians` writes its variant "lite": 32 floats for each splat.
-fn on_paths() -> Vec<u8> {
+pub(crate) fn on_paths(splats: usize) -> Vec<u8> {
     let names = "x y z trbf_center trbf_scale nx ny nz motion_0 motion_1 motion_2 motion_3 motion_4 motion_5 motion_6 \
                  motion_7 motion_8 f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 omega_0 \
                  omega_1 omega_2 omega_3";
     let properties: String = names.split(' ').map(|name| format!("property float {name}\n")).collect();
-    let head = format!("ply\nformat binary_little_endian 1.0\nelement vertex {SPLATS}\n{properties}end_header\n");
-    let values = Random(3).vec_f32(32 * SPLATS, 0.0, 1.0);
+    let head = format!("ply\nformat binary_little_endian 1.0\nelement vertex {splats}\n{properties}end_header\n");
+    let values = Random(3).vec_f32(32 * splats, 0.0, 1.0);
     [head.into_bytes(), values.into_iter().flat_map(f32::to_le_bytes).collect()].concat()
 }
 
 #[test]
 fn splats_on_paths_have_plain_colours() {
-    let file = on_paths();
+    let file = on_paths(SPLATS);
     let values = Random(3).vec_f32(32 * SPLATS, 0.0, 1.0);
     let model = open_bytes("take.ply", &file).expect("a file of splats on paths");
     let Motion::Paths(paths) = &model.motion else { panic!("{:?}", model.motion) };
@@ -43,7 +43,7 @@ fn splats_on_paths_have_plain_colours() {
 fn a_mark_on_plain_colours_can_be_taken_out_to_the_byte() {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let (original, private) = (folder.path().join("take.ply"), folder.path().join("undo.safetensors"));
-    let file = on_paths();
+    let file = on_paths(SPLATS);
     fs::write(&original, &file).expect("writable");
     let model = Model::open(&original).expect("splats on paths");
     let mut marked = model.gaussians.sh_coeffs.clone();
@@ -64,8 +64,8 @@ fn a_mark_on_plain_colours_can_be_taken_out_to_the_byte() {
 
 #[test]
 fn the_variant_with_a_network_is_refused() {
-    let file = String::from_utf8_lossy(&on_paths()[..700]).replace("nx", "f_t_0");
-    let file = [file.as_bytes(), &on_paths()[700..]].concat();
+    let file = String::from_utf8_lossy(&on_paths(SPLATS)[..700]).replace("nx", "f_t_0");
+    let file = [file.as_bytes(), &on_paths(SPLATS)[700..]].concat();
     assert_refused(open_bytes("take.ply", &file), &["f_t_0", "full", "lite"]);
 }
 
