@@ -85,7 +85,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     let subject = Subject { device: &device, clip: &clip, key: &owner, model: &model, message: &message };
     stop::check()?;
     let embedding = Embedding::prepare(subject, config.clone())?;
-    let embedded = embed::train(embedding, &config, common, None)?;
+    let embedded = embed::train(embedding, common, None)?;
     seconds.extend(embedded.seconds.clone());
 
     note(common, "3/4 render: 8-bit frames of views and times that training never saw");
@@ -110,7 +110,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     // What was made is kept, whatever becomes of the text about it.
     out.commit()?;
     let evaluation = &film.evaluation;
-    let evidence = evidence_in_words(evaluation.mode);
+    let evidence = evidence_in_words(evaluation.mode, evaluation.mixing.of > 1);
     let (seconds, verification, peak_memory_bytes) = (&seconds, &verification, device.memory_use().peak_reserved_bytes);
     let result = Printed { evaluation, evidence, wrong_key, seconds, peak_memory_bytes, verification };
     print(common, &result, human)?;

@@ -15,7 +15,8 @@ use guard4d_engine::scene::{CameraSet, Model};
 use guard4d_engine::tensor_file::TensorFile;
 use guard4d_engine::watermark::delivery::{self, Delivery};
 use guard4d_engine::watermark::embed::{
-    EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, Left, Look, LpipsTerm, Profile, RungReport, Subject,
+    EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, Left, Look, LpipsTerm, Profile, RungReport, StepReport,
+    Subject,
 };
 use guard4d_engine::watermark::evaluate::Evaluation;
 use guard4d_engine::watermark::evidence::ExtractorMode;
@@ -78,14 +79,14 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
     if args.resume {
         embedding.restore(&checkpoint)?;
     }
-    let embedded = train(embedding, config, common, Some((&checkpoint, args.checkpoint_every)))?;
+    let embedded = train(embedding, common, Some((&checkpoint, args.checkpoint_every)))?;
     let delivery = Delivery { subject, config, embedded: &embedded, input: &args.model, payload: inputs.payload };
     let (evaluation, _) = delivery::write(out.path(), &delivery, cameras)?;
     out.commit()?;
     remove_checkpoint(&checkpoint);
     let missed = gate.missed(&evaluation);
     let seconds = &embedded.seconds;
-    let evidence = evidence_in_words(evaluation.mode);
+    let evidence = evidence_in_words(evaluation.mode, evaluation.mixing.of > 1);
     let MemoryUse { peak_reserved_bytes: peak_memory_bytes, peak_bytes: peak_used_bytes, .. } =
         inputs.device.memory_use();
     let result = Printed {
@@ -141,14 +142,20 @@ impl Inputs {
         let key = Key::read(args.key.as_ref().expect("clap requires it without --undo"), &clip)?;
         let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
         let payload = Payload::parse(&args.message, bits)?;
-        let gate = gate(args, key.bits(), payload.id_bits().map_or(1, IdBits::num_ids))?;
+        let config = config(args)?;
+        let searched = payload.id_bits().map_or(1, IdBits::num_ids).saturating_mul(config.mixings);
+        let gate = gate(args, key.bits(), searched)?;
+        let config = match args.fit {
+            FitArg::Auto => config.climbing(gate.aim(), key.bits()),
+            FitArg::Full => config,
+        };
         let open = if args.lossy { model::open_lossy } else { model::open };
         let model = open(&args.model, common)?;
         // Files that cannot be written in place are refused before the work, not after it.
         model.check_writable()?;
         let message = payload.message(&key.prf())?;
-        let (payload, cameras, key_bits) = (payload.id_bits(), cameras(&args.views, &model)?, key.bits());
-        let config = EmbedConfig { vantage: vantage(&args.views, &model), ..config(args, (&gate, key_bits))? };
+        let (payload, cameras) = (payload.id_bits(), cameras(&args.views, &model)?);
+        let config = EmbedConfig { vantage: vantage(&args.views, &model), ..config };
         Ok(Self { device, clip, key, model, message, payload, cameras, config, gate })
     }
 
@@ -188,7 +195,7 @@ fn judge(missed: &[Shortfall]) -> Outcome {
     if missed.is_empty() { Outcome::Done } else { Outcome::Negative }
 }
 
-/// What flags ask of the result, or what a message of its length needs that is one of so many.
+/// What flags ask of the result, or what a message of its length needs that is one of so many claims.
 fn gate(args: &EmbedArgs, bits: usize, searched: u32) -> Result<Gate, EngineError> {
     let mut gate = Gate { min_psnr_db: args.min_psnr, ..Gate::after_search(bits, searched) };
     if let Some(share) = args.min_accuracy {
@@ -199,7 +206,7 @@ fn gate(args: &EmbedArgs, bits: usize, searched: u32) -> Result<Gate, EngineErro
 }
 
 /// The profile's numbers with what flags change.
-fn config(args: &EmbedArgs, (gate, bits): (&Gate, usize)) -> Result<EmbedConfig, EngineError> {
+fn config(args: &EmbedArgs) -> Result<EmbedConfig, EngineError> {
     let profile = match args.profile {
         ProfileArg::Draft => Profile::Draft,
         ProfileArg::Balanced => Profile::Balanced,
@@ -235,10 +242,7 @@ fn config(args: &EmbedArgs, (gate, bits): (&Gate, usize)) -> Result<EmbedConfig,
     if args.general.is_some() || mode == ExtractorMode::General {
         config.general = Some(Arc::new(GeneralExtractor::open(args.general.as_deref())?));
     }
-    Ok(match args.fit {
-        FitArg::Auto => config.climbing(gate.aim(), bits),
-        FitArg::Full => config,
-    })
+    Ok(config)
 }
 
 /// The network that flags name, and what is done with it.
@@ -286,16 +290,16 @@ pub(crate) fn spend(effort: &EffortArgs, config: &mut EmbedConfig) {
     if let Some(responses) = effort.responses {
         config.responses = responses as usize;
     }
+    config.mixings = effort.mixings.unwrap_or(config.mixings);
 }
 
 /// Steps until done or stopped; with a checkpoint file, a stop leaves a valid one, and so does the end.
 pub(crate) fn train(
     mut embedding: Embedding<'_>,
-    config: &EmbedConfig,
     common: &Common,
     checkpoint: Option<(&Path, u64)>,
 ) -> Result<Embedded, EngineError> {
-    let progress = bar(common, config.steps as u64);
+    let progress = bar(common, embedding.progress().1 as u64);
     let mut saved = Instant::now();
     let mut held_out = None;
     loop {
@@ -306,9 +310,9 @@ pub(crate) fn train(
             return Err(EngineError::Interrupted { checkpoint: path.to_owned() });
         }
         let Some(report) = embedding.step()? else { break };
-        progress.set_position(embedding.step_number() as u64);
+        progress.set_position(embedding.progress().0 as u64);
         held_out = report.held_out.or(held_out);
-        progress.set_message(state(report.message, held_out));
+        progress.set_message(state(&report, held_out));
         if let Some((path, every)) = checkpoint
             && saved.elapsed() >= Duration::from_secs(every)
         {
@@ -325,7 +329,11 @@ pub(crate) fn train(
 }
 
 /// What the bar says: the newest loss, and the newest figures on clips that are not trained on.
-fn state(loss: f32, held_out: Option<HeldOutReport>) -> String {
+fn state(report: &StepReport, held_out: Option<HeldOutReport>) -> String {
+    let loss = report.message;
+    if let Some(number) = report.mixing {
+        return format!("trying mixing {}  loss {loss:.3}", number + 1);
+    }
     let figures = held_out.map(|h| format!("  held out: bits {:.0} %, {:.1} dB", 100.0 * h.bit_accuracy, h.psnr));
     format!("loss {loss:.3}{}", figures.unwrap_or_default())
 }

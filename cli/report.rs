@@ -76,7 +76,7 @@ pub(crate) type Row = (&'static str, String);
 pub(crate) fn reading_rows(e: &Evaluation) -> Vec<Row> {
     let mut rows = vec![
         ("extractor", e.mode.to_string()),
-        ("evidence", evidence_in_words(e.mode).to_owned()),
+        ("evidence", evidence_in_words(e.mode, e.mixing.of > 1).to_owned()),
         ("bits right, marked clips", format!("{} of {} clips x {} bits", percent(e.marked), e.clips, e.bits)),
         ("messages without a wrong bit", format!("{} of {} clips", e.exact(), e.clips)),
     ];
@@ -114,10 +114,12 @@ pub(crate) fn percent(share: f64) -> String {
 }
 
 /// What kind of evidence a mode can give.
-pub(crate) fn evidence_in_words(mode: ExtractorMode) -> &'static str {
-    if mode.is_message_blind() {
-        "exact p-value: the extractor never saw the message"
-    } else {
-        "empirical only: the extractor was trained with the message and may hold it itself"
+pub(crate) fn evidence_in_words(mode: ExtractorMode, has_chosen_mixing: bool) -> &'static str {
+    match (mode.is_message_blind(), has_chosen_mixing) {
+        (true, false) => "exact p-value: the extractor never saw the message",
+        (true, true) => {
+            "p-value at most: the extractor chose its mixing for the message, and is counted as often as it could"
+        }
+        (false, _) => "empirical only: the extractor was trained with the message and may hold it itself",
     }
 }

@@ -53,6 +53,7 @@ fn scale(args: &StudyArgs) -> Result<Scale, EngineError> {
         steps: args.effort.steps.map(|steps| steps as usize).or(scale.steps),
         clips: args.effort.train_clips.or(scale.clips),
         responses: args.effort.responses.map(|responses| responses as usize).or(scale.responses),
+        mixings: args.effort.mixings.or(scale.mixings),
         general: general(args)?,
         lpips: args.lpips.as_deref().map(LpipsWeights::read).transpose()?.map(Arc::new),
         quick: scale.quick,

@@ -71,7 +71,7 @@ pub(crate) fn human(report: &Report) -> String {
         ("verdict", format!("{:?}", e.verdict).to_uppercase()),
         ("bits", format!("{} of {} match ({} frames)", e.matches, e.num_bits, report.frames)),
         ("bit accuracy", format!("{}, recovered exactly: {}", percent(e.bit_accuracy), yes_or_no(e.exact))),
-        ("evidence", evidence_in_words(e.mode).to_owned()),
+        ("evidence", evidence_in_words(e.mode, report.mixing.of > 1).to_owned()),
         ("p-value", p),
         ("inverted message", format!("{} of {} match", e.panel.inverted.leak.matches, e.num_bits)),
         ("other keys' messages", other_keys_in_words(&e.panel.other_messages)),
@@ -155,7 +155,7 @@ fn p_in_words(p: &PStatement) -> String {
             format!("{soft_score:.2e} exact, of the soft score ({matches:.2e} of the matches)")
         }
         PStatement::Searched(SearchedP { matches, soft_score, searched }) => {
-            format!("{soft_score:.2e} at most, of the best of {searched} messages ({matches:.2e} of the matches)")
+            format!("{soft_score:.2e} at most, of the best of {searched} claims ({matches:.2e} of the matches)")
         }
         PStatement::Empirical { false_positives, num_clips, bound } => {
             format!("none; {false_positives} of {num_clips} unrelated clips read as well, rate at most {bound:.3}")

@@ -163,6 +163,10 @@ pub(crate) struct EffortArgs {
     /// Random offset fields that the calibration is fitted to, instead of the profile's
     #[arg(long)]
     pub(crate) responses: Option<u32>,
+    /// Mixings of the key that are tried before the best for the message is taken, with `blind` and `general`; every
+    /// p-value is multiplied by them
+    #[arg(long, value_name = "K")]
+    pub(crate) mixings: Option<u32>,
 }
 
 #[derive(Args, Debug)]

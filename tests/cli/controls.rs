@@ -18,6 +18,7 @@ use guard4d_engine::watermark::evidence::{ExtractorMode, Thresholds};
 use guard4d_engine::watermark::extractor::{ExtractorWeights, PREPROCESS, Reader};
 use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::message::{Message, Payload};
+use guard4d_engine::watermark::mixing::Mixing;
 use guard4d_engine::watermark::receipt::{Promise, Receipt, ReceiptBody};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -164,6 +165,7 @@ pub(super) fn rig(
             directions: Random(31).vec_f32(width * key.bits(), -40.0, 40.0),
             mean_logits: vec![0.0; key.bits()],
         },
+        mixing: Mixing::FIXED,
     };
     let logits = Reader::new(gpu, clip, key, &extractor).and_then(|mut r| r.logits(frames)).expect("reads");
     for (bit, (zero, wanted)) in extractor.calibration.mean_logits.iter_mut().zip(message.bits()).enumerate() {

@@ -90,6 +90,34 @@ fn contents(root: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     files_below(root).into_iter().map(read).collect()
 }
 
+/// What is chosen with the message known is counted by whoever verifies, and told.
+#[test]
+fn a_chosen_mixing_is_in_the_report_and_in_the_p_value() {
+    let Some(gpu) = device() else { return };
+    let mut small = Small::new(&gpu);
+    small.set("--extractor", "blind");
+    let run = small.run("out", &["--mixings", "2", "--min-accuracy", "0", "--json"]);
+    run.done();
+    let embedded: Value = serde_json::from_str(&run.stdout).expect("JSON on stdout");
+    assert_eq!(embedded["mixing"]["of"], 2, "{embedded}");
+    let verify = |more: &[&str]| {
+        let files = ["out/preview", "owner.key", "out/private/receipt.json"].map(|name| small.out(name));
+        let [clip, key, receipt] = &files;
+        let args: [&dyn AsRef<OsStr>; 6] = [&"verify", clip, &"--key", key, &"--receipt", receipt];
+        let more: Vec<&dyn AsRef<OsStr>> = more.iter().map(|arg| arg as &dyn AsRef<OsStr>).collect();
+        guard4d(&[&args[..], &more].concat())
+    };
+    let run = verify(&["--json"]);
+    let report: Value = serde_json::from_str(&run.stdout).expect("JSON on stdout");
+    assert_eq!(report["mixing"], embedded["mixing"], "{report}");
+    let p = &report["evidence"]["p_value"];
+    assert!(p["kind"] == "searched" && p["searched"] == 2 && p["soft_score"].is_number(), "{report}");
+    let text = verify(&[]).stdout;
+    assert!(text.contains("at most, of the best of 2 claims") && text.contains("chose its mixing"), "{text}");
+    small.set("--extractor", "joint");
+    small.run("other", &["--mixings", "2"]).refused(2, &["mixings", "joint", "blind"]);
+}
+
 #[test]
 fn an_interrupted_run_goes_on_to_the_same_bytes() {
     let Some(gpu) = device() else { return };

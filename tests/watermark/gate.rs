@@ -9,6 +9,7 @@ use guard4d_engine::watermark::gate::{Figure, Gate};
 use guard4d_engine::watermark::id_code::IdBits;
 use guard4d_engine::watermark::message::{Message, Payload};
 use guard4d_engine::watermark::metrics::{Decibels, PsnrSummary, SquaredError};
+use guard4d_engine::watermark::mixing::Mixing;
 use guard4d_engine::watermark::null_panel::{ControlState, Leak};
 use guard4d_engine::watermark::per_bit::PerBit;
 use guard4d_engine::watermark::prf::{MasterSecret, Prf};
@@ -30,6 +31,7 @@ fn evaluation(marked: f64, psnr_db: f64) -> Evaluation {
     };
     Evaluation {
         mode: ExtractorMode::Blind,
+        mixing: Mixing::FIXED,
         clips: 6,
         bits: 16,
         marked,

@@ -13,6 +13,7 @@ use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::extractor::ExtractorWeights;
 use guard4d_engine::watermark::general::GeneralExtractor;
 use guard4d_engine::watermark::key::digest_of;
+use guard4d_engine::watermark::prf::Purpose;
 use nalgebra::DMatrix;
 
 use crate::support::gpu::{Gpu, device};
@@ -154,14 +155,15 @@ fn of_an_asset_it_takes_colours_zero_and_scale_and_no_direction() {
     // Directions are rounded to f32; those that `blind` fits lie elsewhere for the most part.
     assert!(beside(fitted) < 1e-5, "{} of its directions is not the general one's", beside(fitted));
     assert!(beside(blind.fitted()) > 0.1, "blind fits its own: {}", beside(blind.fitted()));
-    assert!(fitted.calibration.is_along(&general), "what verify asks");
-    assert!(!blind.fitted().calibration.is_along(&general), "fitted to the asset");
+    let rotation = || owner.key.prf().stream(Purpose::Calibration, 0);
+    assert!(fitted.calibration.is_along(&general, &mut rotation()), "what verify asks");
+    assert!(!blind.fitted().calibration.is_along(&general, &mut rotation()), "fitted to the asset");
     let mut bent = fitted.calibration.clone();
     bent.directions.iter_mut().step_by(bits).for_each(|v| *v *= 1.1);
-    assert!(!bent.is_along(&general), "one direction is a tenth longer");
+    assert!(!bent.is_along(&general, &mut rotation()), "one direction is a tenth longer");
     let other =
         GeneralExtractor { directions: general.directions.iter().rev().copied().collect(), ..general.as_ref().clone() };
-    assert!(!fitted.calibration.is_along(&other), "another general extractor");
+    assert!(!fitted.calibration.is_along(&other, &mut rotation()), "another general extractor");
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let path = folder.path().join("extractor.safetensors");
     fitted.write(&path, &owner.key, Existing::Refuse).expect("writable");

@@ -14,6 +14,7 @@ pub(crate) mod key;
 mod ladder;
 mod message;
 mod metrics;
+mod mixing;
 mod null;
 mod other_owners;
 mod prf;

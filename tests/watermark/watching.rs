@@ -4,6 +4,7 @@ use guard4d_engine::media::Frame;
 use guard4d_engine::watermark::calibration::Calibration;
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::extractor::{ExtractorWeights, Reader, Sight};
+use guard4d_engine::watermark::mixing::Mixing;
 
 use crate::support::gpu::device;
 use crate::support::owner::Owner;
@@ -22,6 +23,7 @@ fn frames_are_seen_alike_whether_they_come_together_or_one_by_one() {
             directions: Random(31).vec_f32(width * owner.key.bits(), -1.0, 1.0),
             mean_logits: vec![0.0; owner.key.bits()],
         },
+        mixing: Mixing::FIXED,
     };
     let mut reader = Reader::new(&gpu, &owner.clip, &owner.key, &extractor).expect("belongs to the key");
     let frame = |t: u32, side: u32| {

@@ -148,6 +148,8 @@ pub struct Scale {
     pub clips: Option<u32>,
     /// Random fields that calibrations are fitted to, instead of the profiles'.
     pub responses: Option<usize>,
+    /// Mixings tried by extractors that can choose one.
+    pub mixings: Option<u32>,
     /// What arms of `general` read through; without it there are none.
     pub general: Option<std::sync::Arc<GeneralExtractor>>,
     /// LPIPS for the paper's objective and for all readings.
@@ -170,6 +172,7 @@ impl Scale {
             steps: Some(60),
             clips: Some(16),
             responses: Some(32),
+            mixings: None,
             general: None,
             lpips: None,
             quick: true,
@@ -187,6 +190,7 @@ impl Scale {
             steps: None,
             clips: None,
             responses: None,
+            mixings: None,
             general: None,
             lpips: None,
             quick: false,
@@ -210,6 +214,7 @@ impl Scale {
             ..config.clone()
         }
         .with_responses(self.responses.unwrap_or(config.responses))
+        .with_mixings(self.mixings.unwrap_or(config.mixings))
     }
 
     /// What the program does unless told otherwise, at this scale.

@@ -95,9 +95,19 @@ impl Calibration {
         })
     }
 
-    /// Whether the directions are the first L of `general`'s, turned and scaled as [`Calibration::general`] does and in no other way.
+    /// The same directions as the rotation of `to` mixes them instead of that of `from`; the mean logits are left at zero again.
     #[must_use]
-    pub fn is_along(&self, general: &GeneralExtractor) -> bool {
+    pub fn mixed_anew(&self, from: &mut ChaCha20Rng, to: &mut ChaCha20Rng) -> Self {
+        let bits = self.mean_logits.len();
+        let turn = random_rotation(bits, from).transpose() * random_rotation(bits, to);
+        let directions = row_major(&(rows(&self.directions, bits) * turn));
+        Self { mean_image: self.mean_image.clone(), directions, mean_logits: vec![0.0; bits] }
+    }
+
+    /// Whether the directions are the first L of `general`'s, mixed by the rotation of `mixing` and scaled as [`Calibration::general`] does, and in no
+    /// other way.
+    #[must_use]
+    pub fn is_along(&self, general: &GeneralExtractor, mixing: &mut ChaCha20Rng) -> bool {
         let (width, bits, most) = (self.mean_image.len(), self.mean_logits.len(), general.most_bits);
         if bits > most || general.directions.len() != width * most {
             return false;
@@ -107,10 +117,9 @@ impl Calibration {
         let Some(cholesky) = known.tr_mul(&known).cholesky() else { return false };
         let turn = cholesky.solve(&known.tr_mul(&own));
         let beside = (&own - &known * &turn).norm() / own.norm();
-        // s² I for a rotation times s.
-        let square = turn.tr_mul(&turn);
-        let even = DMatrix::from_diagonal_element(bits, bits, square.trace() / bits.max(1) as f64);
-        beside < ROUNDING && (&square - &even).norm() < ROUNDING * square.norm()
+        let rotation = random_rotation(bits, mixing);
+        let scale = turn.dot(&rotation) / bits.max(1) as f64;
+        beside < ROUNDING && scale > 0.0 && (&turn - scale * rotation).norm() < ROUNDING * turn.norm()
     }
 
     /// Coordinates `[L]` of the mean of some features `[n, D]` along the calibrated directions: 0 where unmarked clips

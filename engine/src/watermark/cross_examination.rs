@@ -119,7 +119,7 @@ fn evidence(
     let sides = held_out.marked.iter().flatten().map(|frame| frame.width().min(frame.height()));
     let claim = Claim {
         message: *subject.message,
-        searched: 1,
+        searched: extractor.mixing.of,
         mode: extractor.mode,
         reading: &Reading::from_logits(&sight.logits, subject.message.num_bits())?,
         throwaway: &ThrowawayKeys::derive(&prf, &extractor.calibration.coordinates(&sight.features))?,

@@ -11,6 +11,7 @@ use super::id_code::{IdBits, IdCode, SearchedP};
 use super::key::Key;
 use super::message::Message;
 use super::metrics::{Picture, PsnrSummary, SquaredError, foreground, ssim};
+use super::mixing::Mixing;
 use super::null_panel::Leak;
 use super::per_bit::PerBit;
 use super::prf::{Prf, Purpose, standard_normal};
@@ -48,6 +49,8 @@ pub struct HeldOut {
 pub struct Evaluation {
     /// Mode of the extractor.
     pub mode: ExtractorMode,
+    /// Its mixing.
+    pub mixing: Mixing,
     /// Clips.
     pub clips: usize,
     /// Message bits.
@@ -65,7 +68,7 @@ pub struct Evaluation {
     /// Readings of the marked clips.
     #[serde(skip)]
     pub readings: Vec<Reading>,
-    /// p-value of each marked clip alone, by the soft score; for `joint` what it would be if R had not seen the message.
+    /// p-value of each marked clip alone, by the soft score, times the mixings that there were to choose from; for `joint` what it would be if R had not seen the message.
     pub p_values: Vec<f64>,
     /// Share of the message's bits that clean clips show.
     pub clean: f64,
@@ -193,12 +196,13 @@ impl HeldOut {
         let clean = read_clips(&mut reader, &self.clean, key.bits())?;
         let noisy = read_clips(&mut reader, &noisy, key.bits())?;
         let matches = marked.iter().map(|r| r.matches(message)).collect::<Result<Vec<_>, _>>()?;
-        let p_of = |r: &Reading| SearchedP::of(r, message, 1).map(|p| p.soft_score);
+        let p_of = |r: &Reading| SearchedP::of(r, message, extractor.mixing.of).map(|p| p.soft_score);
         let p_values = marked.iter().map(p_of).collect::<Result<Vec<_>, _>>()?;
         let frames = marked.iter().map(|r| r.frame_accuracy(message)).collect::<Result<Vec<_>, _>>()?;
         let accuracy = mean_accuracy(&marked, message)?;
         Ok(Evaluation {
             mode: extractor.mode,
+            mixing: extractor.mixing,
             clips: marked.len(),
             bits: key.bits(),
             marked: accuracy,

@@ -151,7 +151,8 @@ impl Thresholds {
 pub struct Claim<'a> {
     /// Message the owner committed to, or that was found in the reading.
     pub message: Message,
-    /// Messages that it was chosen from after reading: 1 if it was fixed beforehand.
+    /// Claims that it was chosen from, 1 if it was fixed beforehand: messages from which one was chosen after reading, times mixings from which
+    /// the extractor's was chosen when the message was written.
     pub searched: u32,
     /// Extractor that read the clip.
     pub mode: ExtractorMode,
@@ -176,7 +177,7 @@ pub enum PStatement {
         /// Of the soft score.
         soft_score: f64,
     },
-    /// Message-blind extractor, and the best of several messages: bounds on the chance that any of them does so well.
+    /// Message-blind extractor, and the best of several messages or mixings: bounds on the chance that any of them does so well.
     Searched(SearchedP),
     /// The extractor was trained with the message: only counted false positives on unrelated clips.
     Empirical {

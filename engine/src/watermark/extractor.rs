@@ -12,6 +12,7 @@ use super::decoder::{Decoder, DecoderPass};
 use super::digest::Digest;
 use super::evidence::ExtractorMode;
 use super::key::{Key, digest_of};
+use super::mixing::Mixing;
 use super::tmsd::{Tmsd, TmsdPass, TmsdWeights};
 use crate::clip::{Clip, Purpose, VisionTower, VisionWorkspace};
 use crate::error::EngineError;
@@ -42,6 +43,8 @@ pub struct ExtractorWeights {
     pub tmsd: Option<TmsdWeights>,
     /// Map between image and text features.
     pub calibration: Calibration,
+    /// Rotation that mixes the calibration's directions; its number is all that an extractor that is blind to the message can have of it.
+    pub mixing: Mixing,
 }
 
 impl ExtractorWeights {
@@ -52,6 +55,7 @@ impl ExtractorWeights {
         file.meta.insert("mode".to_owned(), mode.expect("modes serialise as words"));
         file.meta.insert("key_id".to_owned(), key.prf().key_id().to_string());
         file.meta.insert("clip".to_owned(), key.clip.to_string());
+        self.mixing.store(&mut file);
         self.calibration.store(&mut file, key.bits());
         if let Some(tmsd) = &self.tmsd {
             tmsd.store(&mut file);
@@ -94,7 +98,8 @@ impl ExtractorWeights {
         })?;
         let tmsd = TmsdWeights::load(&file)?;
         check_blindness(&file, mode, tmsd.as_ref())?;
-        Ok(Self { mode, tmsd, calibration: Calibration::load(&file, key.text_mean.len(), key.bits())? })
+        let calibration = Calibration::load(&file, key.text_mean.len(), key.bits())?;
+        Ok(Self { mode, tmsd, calibration, mixing: Mixing::load(&file)? })
     }
 }
 

@@ -289,7 +289,7 @@ pub struct SearchedP {
     pub matches: f64,
     /// Of the soft score.
     pub soft_score: f64,
-    /// Messages that the id was chosen from.
+    /// Claims that it was chosen from: messages, times the mixings that the mark could be written through.
     pub searched: u32,
 }
 
@@ -302,6 +302,16 @@ impl SearchedP {
         let soft = SoftScoreNull::new(reading.mean_logits())?.p_value(message)?;
         let matches = match_p_value(reading.matches(message)?, message.num_bits());
         Ok(Self { matches: after_search(matches, searched), soft_score: after_search(soft, searched), searched })
+    }
+
+    /// The same where the extractor, too, was chosen from several, each fixed beforehand.
+    #[must_use]
+    pub fn among(self, extractors: u32) -> Self {
+        Self {
+            matches: after_search(self.matches, extractors),
+            soft_score: after_search(self.soft_score, extractors),
+            searched: self.searched.saturating_mul(extractors),
+        }
     }
 }
 

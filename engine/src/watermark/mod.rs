@@ -20,6 +20,7 @@ pub mod key;
 mod matrix;
 pub mod message;
 pub mod metrics;
+pub mod mixing;
 pub mod null_panel;
 pub mod other_keys;
 pub mod per_bit;

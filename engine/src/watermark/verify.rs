@@ -12,6 +12,7 @@ use super::general::GeneralExtractor;
 use super::id_code::{IdBits, IdCode, IdReading, SearchedP};
 use super::key::Key;
 use super::message::{Message, Payload};
+use super::mixing::Mixing;
 use super::null_panel::{Control, ControlKind};
 use super::other_keys::ThrowawayKeys;
 use super::reading::Reading;
@@ -155,6 +156,8 @@ pub struct Report {
     pub evidence: Evidence,
     /// What the evidence rests on: the receipt's commitment. That it is older than the clip, this report cannot say.
     pub commitment: Digest,
+    /// Mixing that the extractor reads through.
+    pub mixing: Mixing,
     /// The id read, if ids are asked for.
     pub id: Option<IdEvidence>,
     /// Each suspect clip by itself.
@@ -226,9 +229,10 @@ impl Case<'_> {
             None => (promised.message, 1, None),
             Some((code, number)) => {
                 let (found, p) = code.read(&reading, &prf)?;
+                let p = p.among(extractor.mixing.of);
                 let read = id_evidence(code, number, found, extractor.mode.is_message_blind().then_some(p));
                 match promised.any_id {
-                    true => (code.message(found.id, &code.pad(&prf)?)?, p.searched, Some(read)),
+                    true => (code.message(found.id, &code.pad(&prf)?)?, code.id_bits().num_ids(), Some(read)),
                     false => (promised.message, 1, Some(read)),
                 }
             }
@@ -240,7 +244,7 @@ impl Case<'_> {
         let coordinates = extractor.calibration.coordinates(&suspects.sight.features);
         let claim = Claim {
             message,
-            searched,
+            searched: searched.saturating_mul(extractor.mixing.of),
             mode: extractor.mode,
             reading: &reading,
             throwaway: &ThrowawayKeys::derive(&prf, &coordinates)?,
@@ -252,7 +256,7 @@ impl Case<'_> {
         let clips = suspects.readings.iter().map(|clip| self.alone(clip, &message, code));
         let clips = clips.collect::<Result<_, _>>()?;
         let Suspects { frames, damage, .. } = suspects;
-        Ok(Report { evidence, commitment: receipt.commitment, id, clips, frames, damage })
+        Ok(Report { evidence, commitment: receipt.commitment, mixing: extractor.mixing, id, clips, frames, damage })
     }
 
     fn look(
@@ -448,8 +452,9 @@ impl Case<'_> {
             }
         };
         known.check_key(self.key)?;
-        if !extractor.calibration.is_along(known) {
-            let expected = format!("those of the general extractor {}, turned and scaled", known.digest()?);
+        if !extractor.calibration.is_along(known, &mut extractor.mixing.stream(&self.key.prf())) {
+            let number = extractor.mixing.number;
+            let expected = format!("those of the general extractor {}, by the key's mixing {number}", known.digest()?);
             return Err(bad(path, "calibration.directions", "others".to_owned(), expected));
         }
         Ok(())

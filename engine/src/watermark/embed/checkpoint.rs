@@ -12,7 +12,9 @@ use crate::output::{AtomicFile, Existing};
 use crate::tensor_file::{Tensor, TensorFile};
 
 /// `format` entry of a checkpoint.
-const FORMAT: &str = "guard4d.checkpoint/3";
+const FORMAT: &str = "guard4d.checkpoint/4";
+/// Number of the mixing that was taken; left out while mixings are tried, which begins anew.
+const MIXING: &str = "mixing";
 /// Tensor of the last control's logits.
 const HELD_CONTROL: &str = "control_logits";
 /// Entry of a [`Standing`], as JSON.
@@ -49,6 +51,9 @@ impl Embedding<'_> {
         file.meta.insert("format".to_owned(), FORMAT.to_owned());
         file.meta.insert("identity".to_owned(), self.identity());
         file.meta.insert("step".to_owned(), self.step.to_string());
+        if self.audition.is_none() {
+            file.meta.insert(MIXING.to_owned(), self.weights.mixing.number.to_string());
+        }
         let held = vec![self.mean_mse.unwrap_or(f32::NAN), self.keep];
         file.tensors.insert("held".to_owned(), Tensor::f32(&[2], held));
         let standing = serde_json::to_string(&self.standing).expect("figures that are no numbers were refused");
@@ -75,8 +80,17 @@ impl Embedding<'_> {
         if file.text("identity")? != self.identity() {
             return Err(file.bad("identity", "another embedding", "the same model, key, message and settings"));
         }
+        if !file.meta.contains_key(MIXING) {
+            return Ok(());
+        }
         let whole = |field: &str, text: &str| text.parse::<usize>().map_err(|_| file.bad(field, text, "a number"));
         let step = whole("step", file.text("step")?)?;
+        if let Some(audition) = self.audition.take() {
+            let number = file.text(MIXING)?.parse().ok().filter(|number| *number < self.config.mixings);
+            let expected = format!("a number below {}", self.config.mixings);
+            let number = number.ok_or_else(|| file.bad(MIXING, file.text(MIXING).unwrap_or_default(), &expected))?;
+            self.take_mixing(&audition, number)?;
+        }
         let text = file.text(STANDING)?;
         let standing: Standing = serde_json::from_str(text)
             .map_err(|error| file.bad(STANDING, text, &format!("where an embedding stands: {error}")))?;

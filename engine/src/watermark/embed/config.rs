@@ -6,6 +6,7 @@ use guard4d_kernels::image::resize::ImageSize;
 use rand_chacha::ChaCha20Rng;
 use serde::{Serialize, Serializer};
 
+use super::audition;
 use super::ladder::{Aim, Ladder, Rung, name_of_bases};
 use super::terms::{Control, ControlClips, LpipsTerm};
 use crate::distortion::{Distortion, Drawn};
@@ -15,6 +16,7 @@ use crate::scene::Vantage;
 use crate::scene::gaussians::{MAX_SH_BASES, Y0, sh_bases};
 use crate::watermark::evidence::{ExtractorMode, Thresholds};
 use crate::watermark::general::GeneralExtractor;
+use crate::watermark::mixing::MAX_MIXINGS;
 use crate::watermark::prf::{uniform_below, uniform_unit};
 use crate::watermark::tmsd::TmsdConfig;
 
@@ -196,6 +198,10 @@ pub struct EmbedConfig {
     pub control_every: u32,
     /// Standard deviation of the noisy control, log-uniform between these.
     pub noise_sigma: (f32, f32),
+    /// Mixings that are tried before one is taken for the message, which every p-value then counts; 1 takes the key's first.
+    /// More than 1 for `blind` and `general` alone, whose extractors know nothing else of the message.
+    #[serde(skip_serializing_if = "is_one")]
+    pub mixings: u32,
     /// Size of R in `blind` and `joint`.
     pub tmsd: TmsdConfig,
     /// What `general` reads through, and it alone; files name its hash.
@@ -268,6 +274,7 @@ impl EmbedConfig {
             lambda_control: 0.05,
             control_every: 1,
             noise_sigma: (0.002, 0.05),
+            mixings: 1,
             tmsd: match mode {
                 ExtractorMode::Joint => TmsdConfig::default(),
                 _ => TmsdConfig::colour_map_only(),
@@ -331,6 +338,12 @@ impl EmbedConfig {
             ExtractorMode::General => self,
             _ => Self { responses, ..self },
         }
+    }
+
+    /// The same with so many mixings to choose from, where the mode has a choice.
+    #[must_use]
+    pub fn with_mixings(self, mixings: u32) -> Self {
+        if self.can_choose_mixings() { Self { mixings, ..self } } else { self }
     }
 
     fn sized_for(self, target_psnr: f32) -> Self {
@@ -431,7 +444,8 @@ impl EmbedConfig {
 
     /// False-positive rate at which held-out clips prove a message of `bits` bits.
     pub(super) fn proof(&self, bits: usize) -> f64 {
-        self.ladder.as_ref().map_or_else(|| Thresholds::for_bits(bits).fpr, |ladder| ladder.aim.p_value)
+        let alone = || Thresholds::for_bits(bits).fpr / f64::from(self.mixings);
+        self.ladder.as_ref().map_or_else(alone, |ladder| ladder.aim.p_value)
     }
 
     /// Whether splats have rates of their own.
@@ -517,6 +531,16 @@ impl EmbedConfig {
         if self.mode == ExtractorMode::Joint { 2 } else { 1 }
     }
 
+    /// Whether the mixing is all that the extractor can have of the message.
+    fn can_choose_mixings(&self) -> bool {
+        matches!(self.mode, ExtractorMode::Blind | ExtractorMode::General)
+    }
+
+    /// Steps of all try-outs of mixings.
+    pub(super) fn try_out_steps(&self) -> usize {
+        if self.mixings > 1 { self.mixings as usize * audition::STEPS } else { 0 }
+    }
+
     /// Refuses numbers that no embedding can work with.
     ///
     /// # Errors
@@ -538,6 +562,7 @@ impl EmbedConfig {
                 expected: "at least 1, and 1 for all but `joint`, which alone has controls".to_owned(),
             });
         }
+        self.validate_mixings()?;
         if let Some(ladder) = self.ladder.as_ref().filter(|ladder| !ladder.is_sensible(self.views)) {
             return Err(EngineError::Usage {
                 what: "ladder".to_owned(),
@@ -578,6 +603,18 @@ impl EmbedConfig {
             }
         }
         Ok(())
+    }
+
+    fn validate_mixings(&self) -> Result<(), EngineError> {
+        let most = if self.can_choose_mixings() { MAX_MIXINGS } else { 1 };
+        if (1..=most).contains(&self.mixings) {
+            return Ok(());
+        }
+        Err(EngineError::Usage {
+            what: "mixings".to_owned(),
+            got: format!("{} with mode `{}`", self.mixings, self.mode),
+            expected: format!("1 to {MAX_MIXINGS} with `blind` and `general`, else 1"),
+        })
     }
 
     fn validate_general(&self) -> Result<(), EngineError> {

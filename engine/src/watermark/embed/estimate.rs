@@ -40,7 +40,7 @@ pub struct Estimate {
     pub clips_in_memory: usize,
     /// Seconds for planning, those for making clips again among them.
     pub plan_seconds: f64,
-    /// Seconds for fitting the extractor.
+    /// Seconds for fitting the extractor, try-outs of mixings among them.
     pub fit_seconds: f64,
     /// Seconds for all steps, held-out measurements among them, as if LPIPS kept nothing of unmarked clips.
     pub train_seconds: f64,
@@ -57,7 +57,7 @@ impl Estimate {
         config.validate_for(subject.key.bits())?;
         let device = subject.device;
         let budget = device.memory_budget();
-        let few = EmbedConfig { tmsd_held: 0.0, ..config.clone() }.with_responses(subject.key.bits());
+        let few = EmbedConfig { tmsd_held: 0.0, mixings: 1, ..config.clone() }.with_responses(subject.key.bits());
         let mut pool = ClipPool::draw(device, subject.model, &subject.key.prf(), &few)?;
         let clips = pool.len();
         pool.thin_out(SAMPLED_CLIPS);
@@ -94,7 +94,8 @@ impl Estimate {
         };
         let fitted = passes(config, config.on_rung(0).views as usize);
         // Each of these asks for a clip, and so does each step.
-        let asked = fitted + config.steps as f64;
+        let asked = fitted + (config.try_out_steps() + config.steps) as f64;
+        let step_seconds = timed / timed_steps as f64;
         let measured = config.most_looks();
         Ok(Self {
             splats: subject.model.gaussians.len(),
@@ -106,8 +107,9 @@ impl Estimate {
             budget_bytes: budget,
             clips_in_memory: in_memory,
             plan_seconds: per_clip * (clips as f64 + missed * asked),
-            fit_seconds: embedding.seconds["fit"] * fitted / passes(&few, embedding.clips.training().len()),
-            train_seconds: timed / timed_steps as f64 * config.steps as f64 + measuring * measured as f64,
+            fit_seconds: embedding.seconds["fit"] * fitted / passes(&few, embedding.clips.training().len())
+                + step_seconds * config.try_out_steps() as f64,
+            train_seconds: step_seconds * config.steps as f64 + measuring * measured as f64,
         })
     }
 }

@@ -19,10 +19,10 @@ use crate::error::EngineError;
 use crate::render::OffsetBases;
 use crate::scene::gaussians::{CHANNELS, Y0};
 use crate::watermark::calibration::Calibration;
-use crate::watermark::decoder::Decoder;
 use crate::watermark::evidence::ExtractorMode;
-use crate::watermark::extractor::{CLIP_FRAMES, ExtractorWeights, FeatureExtractor};
+use crate::watermark::extractor::{CLIP_FRAMES, ExtractorWeights, FeatureExtractor, decode};
 use crate::watermark::key::Key;
+use crate::watermark::mixing::Mixing;
 use crate::watermark::prf::{Prf, Purpose as Stream, standard_normal, uniform_below};
 use crate::watermark::scatter::AssetFeatures;
 use crate::watermark::tmsd::TmsdWeights;
@@ -36,7 +36,7 @@ pub(super) const CLIPS_PER_RESPONSE: usize = 2;
 /// Frames of these.
 const FRAMES_PER_RESPONSE: usize = CLIPS_PER_RESPONSE * CLIP_FRAMES;
 
-/// R (for all but `none`) and the calibration for one asset.
+/// R (for all but `none`) and the calibration for one asset, mixed by the key's first rotation; and the features that its zero is the mean of.
 pub(super) fn extractor(
     device: &Device,
     clip: &Clip,
@@ -44,7 +44,7 @@ pub(super) fn extractor(
     config: &EmbedConfig,
     pool: &mut ClipPool,
     stage: &mut Stage,
-) -> Result<ExtractorWeights, EngineError> {
+) -> Result<(ExtractorWeights, Vec<f32>), EngineError> {
     let prf = key.prf();
     let general = config.general.as_deref();
     let tmsd = match config.mode {
@@ -58,7 +58,7 @@ pub(super) fn extractor(
         }
     };
     let mut features = pool.with_room(|| FeatureExtractor::new(device, clip, tmsd.as_ref(), 1, Purpose::Features))?;
-    let (bits, mut rng) = (key.bits(), prf.stream(Stream::Calibration, config.seed));
+    let (bits, mut rng) = (key.bits(), Mixing::FIXED.stream(&prf));
     let calibration = match general {
         Some(general) => {
             let content = content_features(device, &mut features, pool, stage)?.concat();
@@ -69,9 +69,10 @@ pub(super) fn extractor(
             Calibration::fit(&seen.features(), bits, &mut rng)?
         }
     };
-    let mut weights = ExtractorWeights { mode: config.mode, tmsd, calibration };
-    set_zero(device, key, &mut features, &mut weights, (config, pool, stage))?;
-    Ok(weights)
+    let unmarked = unmarked_features(device, &mut features, (config, pool, stage))?;
+    let mut weights = ExtractorWeights { mode: config.mode, tmsd, calibration, mixing: Mixing::FIXED };
+    pool.with_room(|| set_zero(device, key, &mut weights.calibration, &unmarked))?;
+    Ok((weights, unmarked))
 }
 
 /// What R and CLIP make of an asset that carries no message.
@@ -104,27 +105,37 @@ impl Seen {
     }
 }
 
-/// Sets the mean logits to those of unmarked clips, clean and noisy, as R and the directions are now.
+/// Sets the mean logits to those of `unmarked` clips ([`unmarked_features`]), as R and the directions are now.
 ///
 /// CLIP gives all clips of one asset much the same feature, so without this an unmarked clip reads as a fixed
 /// word; with it the bits fall by content, and each bit's threshold lies in the middle.
 pub(super) fn set_zero(
     device: &Device,
     key: &Key,
-    features: &mut FeatureExtractor,
-    weights: &mut ExtractorWeights,
-    (config, pool, stage): (&EmbedConfig, &mut ClipPool, &mut Stage),
+    calibration: &mut Calibration,
+    unmarked: &[f32],
 ) -> Result<(), EngineError> {
     let bits = key.bits();
-    weights.calibration.mean_logits = vec![0.0; bits];
-    let folded = weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean);
-    let (decoder, mut pass) = pool.with_room(|| {
-        let decoder = Decoder::new(device, &folded)?;
-        let pass = decoder.pass(device, CLIP_FRAMES)?;
-        Ok((decoder, pass))
-    })?;
-    let sigma = (config.noise_sigma.0 * config.noise_sigma.1).sqrt();
+    calibration.mean_logits = vec![0.0; bits];
     let (mut sums, mut rows) = (vec![0.0f64; bits], 0.0);
+    for row in decode(device, key, calibration, unmarked)?.chunks_exact(bits) {
+        sums.iter_mut().zip(row).for_each(|(sum, v)| *sum += f64::from(*v));
+        rows += 1.0;
+    }
+    #[allow(clippy::cast_possible_truncation, reason = "logits are single precision")]
+    let means = sums.into_iter().map(|sum| (sum / f64::max(rows, 1.0)) as f32).collect();
+    calibration.mean_logits = means;
+    Ok(())
+}
+
+/// Features `[n, D]` of unmarked clips, clean and noisy.
+pub(super) fn unmarked_features(
+    device: &Device,
+    features: &mut FeatureExtractor,
+    (config, pool, stage): (&EmbedConfig, &mut ClipPool, &mut Stage),
+) -> Result<Vec<f32>, EngineError> {
+    let sigma = (config.noise_sigma.0 * config.noise_sigma.1).sqrt();
+    let mut found = Vec::new();
     for (stream, index) in (0..).zip(pool.training().take(ZERO_CLIPS)) {
         let clip = pool.get(index, stage)?;
         for noise in [None, Some(Noise { sigma, seed: config.seed, stream })] {
@@ -136,18 +147,11 @@ pub(super) fn set_zero(
                     features.forward(&mut rec, &[&stage.noisy_resized])?;
                 }
             }
-            decoder.forward(&mut rec, features.features(), &mut pass)?;
             rec.submit()?;
-            for row in pass.logits.read()?.chunks_exact(bits) {
-                sums.iter_mut().zip(row).for_each(|(sum, v)| *sum += f64::from(*v));
-                rows += 1.0;
-            }
+            found.extend(features.features().read()?);
         }
     }
-    #[allow(clippy::cast_possible_truncation, reason = "logits are single precision")]
-    let means = sums.into_iter().map(|sum| (sum / f64::max(rows, 1.0)) as f32).collect();
-    weights.calibration.mean_logits = means;
-    Ok(())
+    Ok(found)
 }
 
 /// The colour map that goes with an asset: G λ² (M + λ²)⁻¹.

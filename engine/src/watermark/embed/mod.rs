@@ -1,5 +1,6 @@
 //! Embedding: optimising SH offsets so that rendered clips carry the message (Guard4D Sec. 3.3–3.5).
 
+mod audition;
 mod checkpoint;
 mod climb;
 mod clips;
@@ -43,6 +44,7 @@ use crate::watermark::extractor::{ExtractorWeights, FeatureExtractor, Training};
 use crate::watermark::key::Key;
 use crate::watermark::message::Message;
 use crate::watermark::prf::{Purpose as Stream, uniform_below, uniform_unit};
+use audition::Audition;
 use ladder::Standing;
 use pool::{ClipPool, is_over_budget};
 use step::{Critic, Rates, Stage};
@@ -130,6 +132,8 @@ pub struct Embedding<'a> {
     mean_mse: Option<f32>,
     keep: f32,
     step: usize,
+    /// Mixings still to be tried, before the first step.
+    audition: Option<Audition>,
     /// Visible weight of the splats, where it decides what moves.
     light: Option<Vec<f64>>,
     /// How far up the ladder it is.
@@ -179,13 +183,14 @@ impl<'a> Embedding<'a> {
         seconds.insert("plan".to_owned(), started.elapsed().as_secs_f64());
 
         let started = Instant::now();
-        let (weights, branches, frozen) = match start {
+        let (weights, branches, frozen, audition) = match start {
             Start::Fit => {
-                let fitted = fit::extractor(device, clip, key, &config, &mut clips, &mut stage)?;
-                (fitted, config.branches(), None)
+                let (fitted, unmarked) = fit::extractor(device, clip, key, &config, &mut clips, &mut stage)?;
+                let audition = (config.mixings > 1).then(|| Audition::new(fitted.calibration.clone(), unmarked));
+                (fitted, config.branches(), None, audition)
             }
             // The control losses say nothing about offsets, and R is not to be trained.
-            Start::Frozen(given) => (given.clone(), 1, Some(given.digest(key)?)),
+            Start::Frozen(given) => (given.clone(), 1, Some(given.digest(key)?), None),
         };
         check_mode(&config, &weights)?;
         let light = match config.rates_differ() {
@@ -207,6 +212,7 @@ impl<'a> Embedding<'a> {
             mean_mse: None,
             keep: 1.0,
             step: 0,
+            audition,
             light,
             standing: Standing::default(),
             seconds,
@@ -216,7 +222,8 @@ impl<'a> Embedding<'a> {
         Ok(embedding)
     }
 
-    /// The extractor as it was before the first step: for `joint` the last state that never saw the message.
+    /// The extractor as it was before the first step, for `joint` the last state that never saw the message; before mixings are tried, with the
+    /// first of them.
     #[must_use]
     pub fn fitted(&self) -> &ExtractorWeights {
         &self.weights
@@ -228,41 +235,31 @@ impl<'a> Embedding<'a> {
         self.step
     }
 
-    /// Takes one step; `None` when all are done.
+    /// Steps taken so far with those of the try-outs, and how many there are at most.
+    #[must_use]
+    pub fn progress(&self) -> (usize, usize) {
+        let tried = match &self.audition {
+            Some(audition) => audition.taken(),
+            None => self.config.try_out_steps(),
+        };
+        (tried + self.step, self.config.try_out_steps() + self.config.steps)
+    }
+
+    /// Takes one step; `None` when all are done. Those of the try-outs of mixings come first.
     ///
     /// # Errors
     /// When the device fails, or a loss is not finite.
     pub fn step(&mut self) -> Result<Option<StepReport>, EngineError> {
+        let (started, rung) = (Instant::now(), self.standing.rung);
+        if let Some(audition) = self.audition.take() {
+            let report = self.try_out(audition)?;
+            *self.seconds.entry("fit".to_owned()).or_default() += started.elapsed().as_secs_f64();
+            return Ok(Some(report));
+        }
         if self.step >= self.standing.steps(&self.config) {
             return Ok(None);
         }
-        let (started, rung) = (Instant::now(), self.standing.rung);
-        let config = &self.active;
-        let (index, mut rng) = draw(self.subject.key, config.seed, self.step, self.clips.training().len());
-        let clip = self.critic.clip(&mut self.clips, &mut self.stage, index)?;
-        let (low, high) = config.noise_sigma;
-        let sigma = low * (high / low).powf(unit(&mut rng));
-        let rates = Rates {
-            decay: self.standing.decay(config, self.step),
-            keep: self.keep,
-            sigma,
-            stream: u32::try_from(self.step).unwrap_or(u32::MAX),
-            control: config.control_turn(self.step),
-            lpips: config.lpips_turn(self.step, &mut rng),
-            distortion: config.distortion_turn(self.step, &mut rng),
-        };
-        if let Some(perception) = self.critic.perception.as_mut().filter(|_| rates.lpips.is_some()) {
-            perception.make_room(self.subject.device, &self.clips, &clip)?;
-        }
-        let (mut report, timings) = self.critic.step(self.subject.device, &mut self.stage, &clip, config, rates)?;
-        if !(report.total.is_finite() && report.mse.is_finite()) {
-            let what = format!("loss at step {}", self.step);
-            return Err(EngineError::NotFinite { what, got: f64::from(report.total) });
-        }
-        self.hold_fidelity(report.mse);
-        for pass in timings.passes {
-            *self.device_seconds.entry(pass.name).or_default() += pass.time.as_secs_f64();
-        }
+        let mut report = self.advance(self.step, self.standing.decay(&self.active, self.step))?;
         self.step += 1;
         if self.is_measured() {
             report.held_out = self.held_out()?;
@@ -274,6 +271,37 @@ impl<'a> Embedding<'a> {
             self.add_seconds(self.standing.rung, started);
         }
         Ok(Some(report))
+    }
+
+    /// What step number `step` does to the offsets and to R, with this share of the rates.
+    fn advance(&mut self, step: usize, decay: f32) -> Result<StepReport, EngineError> {
+        let config = &self.active;
+        let (index, mut rng) = draw(self.subject.key, config.seed, step, self.clips.training().len());
+        let clip = self.critic.clip(&mut self.clips, &mut self.stage, index)?;
+        let (low, high) = config.noise_sigma;
+        let sigma = low * (high / low).powf(unit(&mut rng));
+        let rates = Rates {
+            decay,
+            keep: self.keep,
+            sigma,
+            stream: u32::try_from(step).unwrap_or(u32::MAX),
+            control: config.control_turn(step),
+            lpips: config.lpips_turn(step, &mut rng),
+            distortion: config.distortion_turn(step, &mut rng),
+        };
+        if let Some(perception) = self.critic.perception.as_mut().filter(|_| rates.lpips.is_some()) {
+            perception.make_room(self.subject.device, &self.clips, &clip)?;
+        }
+        let (report, timings) = self.critic.step(self.subject.device, &mut self.stage, &clip, config, rates)?;
+        if !(report.total.is_finite() && report.mse.is_finite()) {
+            let what = format!("loss at step {step}");
+            return Err(EngineError::NotFinite { what, got: f64::from(report.total) });
+        }
+        self.hold_fidelity(step, report.mse);
+        for pass in timings.passes {
+            *self.device_seconds.entry(pass.name).or_default() += pass.time.as_secs_f64();
+        }
+        Ok(report)
     }
 
     /// Chooses how the passes that are the same in every step come to the device, from the next step on.
@@ -337,12 +365,12 @@ impl<'a> Embedding<'a> {
     }
 
     /// Chooses the factor on the offsets for the next step so that the running squared error stays at the target.
-    fn hold_fidelity(&mut self, mse: f32) {
+    fn hold_fidelity(&mut self, step: usize, mse: f32) {
         let EmbedConfig { target_psnr, start_psnr, steps, .. } = self.config;
         // The value was measured before this step's factor took effect.
         let mse = mse * self.keep * self.keep;
         let mean = self.mean_mse.map_or(mse, |mean| mean + MSE_SHARE * (mse - mean));
-        let progress = (2.0 * self.step as f32 / steps as f32).min(1.0);
+        let progress = (2.0 * step as f32 / steps as f32).min(1.0);
         let allowed = 10f32.powf(-0.1 * (start_psnr + (target_psnr - start_psnr) * progress));
         self.keep = if mean > allowed { (allowed / mean).sqrt() } else { 1.0 };
         self.mean_mse = Some(mean * self.keep * self.keep);
@@ -373,7 +401,8 @@ impl<'a> Embedding<'a> {
             let Subject { device, clip, key, .. } = subject;
             let tmsd = weights.tmsd.as_ref();
             let mut features = clips.with_room(|| FeatureExtractor::new(device, clip, tmsd, 1, Purpose::Features))?;
-            fit::set_zero(device, key, &mut features, &mut weights, (&config, &mut clips, &mut stage))?;
+            let unmarked = fit::unmarked_features(device, &mut features, (&config, &mut clips, &mut stage))?;
+            clips.with_room(|| fit::set_zero(device, key, &mut weights.calibration, &unmarked))?;
             check_finite("mean logits of unmarked clips", &weights.calibration.mean_logits)?;
         }
         Ok(Embedded {
@@ -405,8 +434,7 @@ fn critic(
         if config.goes_without_control() {
             features.make_room_for_one(device)?;
         }
-        let decoder = Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;
-        Critic::new(device, features, decoder, message, config)
+        Critic::new(device, features, critic_decoder(device, key, weights)?, message, config)
     };
     let kept = clips.with_room_beside_one(|| make(Purpose::InputGradient));
     if !is_over_budget(&kept) {
@@ -414,6 +442,11 @@ fn critic(
     }
     tracing::debug!("activations are computed again on the way back");
     clips.with_room(|| make(Purpose::LeanInputGradient))
+}
+
+/// The key's decoder as it reads image features.
+fn critic_decoder(device: &Device, key: &Key, weights: &ExtractorWeights) -> Result<Decoder, EngineError> {
+    Ok(Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?)
 }
 
 /// Refuses an extractor of another mode than the settings ask for.

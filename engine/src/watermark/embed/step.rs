@@ -162,6 +162,8 @@ pub struct StepReport {
     pub total: f32,
     /// Share of the message's bits that the clip's frames carry.
     pub bit_accuracy: f32,
+    /// The mixing that is tried out, before training begins.
+    pub mixing: Option<u32>,
     /// The result on held-out clips, after the steps that it is measured at.
     pub held_out: Option<HeldOutReport>,
 }
@@ -288,6 +290,12 @@ impl Critic {
             features,
             decoder,
         })
+    }
+
+    /// Reads what CLIP says by another decoder of the same sizes.
+    pub(super) fn replace_decoder(&mut self, decoder: Decoder) {
+        self.decoder = decoder;
+        self.repeated.forget();
     }
 
     /// R is trained exactly when control branches hold it back.
@@ -550,7 +558,18 @@ impl Critic {
             + config.lambda_offset * offset;
         let bit_accuracy = share_right(marked, &vec![0.0; self.target.len()], &self.message);
         let mse = values[MSE];
-        Ok(StepReport { message, control, mse, recon, lpips, offset, total, bit_accuracy, held_out: None })
+        Ok(StepReport {
+            message,
+            control,
+            mse,
+            recon,
+            lpips,
+            offset,
+            total,
+            bit_accuracy,
+            mixing: None,
+            held_out: None,
+        })
     }
 
     /// Fidelity and readability of the mark on clips that no step is taken on. Forward only, and without a trace:
