@@ -9,8 +9,9 @@ use guard4d_engine::media::frames::write_png_folder;
 use guard4d_engine::output::{AtomicDir, AtomicFile, Existing};
 use guard4d_engine::scene::formats::Export;
 use guard4d_engine::scene::{Gaussians, Model};
+use guard4d_engine::watermark::general::GeneralExtractor;
 use guard4d_engine::watermark::key::Key;
-use guard4d_engine::watermark::verify::{Case, Exhibits, clean_clips};
+use guard4d_engine::watermark::verify::{Case, Exhibits, Sought, clean_clips};
 use guard4d_kernels::Device;
 
 use crate::args::{Common, ConvertArgs};
@@ -96,6 +97,8 @@ fn read_again(
 ) -> Result<Outcome, EngineError> {
     let clip = devices::load_clip(device, &ClipSource::from_argument(&args.clip), common)?;
     let key = Key::read(key, &clip)?;
+    let sought = args.message.as_ref().map(|text| Sought::parse(text, &key)).transpose()?;
+    let general = args.general.as_deref().map(GeneralExtractor::read).transpose()?;
     let written = Model::open(&args.out)?;
     let films = tempfile::tempdir().map_err(|source| EngineError::Io { path: std::env::temp_dir(), source })?;
     let mut exhibits = Exhibits::default();
@@ -104,7 +107,7 @@ fn read_again(
         write_png_folder(&film, &frames)?;
         exhibits.suspects.push(film);
     }
-    let case = Case { device, clip: &clip, key: &key, sought: None, receipt, general: None };
+    let case = Case { device, clip: &clip, key: &key, sought, receipt, general: general.as_ref() };
     let report = case.verify(&exhibits, &read_options())?;
     print(common, &report, human)?;
     Ok(outcome(&report))

@@ -27,6 +27,12 @@ pub(crate) struct ConvertArgs {
     /// Receipt of the embedding; its folder holds the extractor
     #[arg(long, requires = "key")]
     pub(crate) receipt: Option<PathBuf>,
+    /// The message to look for, as it was given to `embed`; by default what the receipt says, as for `verify`
+    #[arg(long, requires = "key")]
+    pub(crate) message: Option<String>,
+    /// General extractor that `embed` was given, if it was not the built-in one
+    #[arg(long, value_name = "FILE", requires = "key")]
+    pub(crate) general: Option<PathBuf>,
     /// CLIP checkpoint that the key was made with: `mini` or a folder
     #[arg(long, default_value = "mini", requires = "key")]
     pub(crate) clip: String,

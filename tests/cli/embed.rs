@@ -119,6 +119,28 @@ fn a_chosen_mixing_is_in_the_report_and_in_the_p_value() {
 }
 
 #[test]
+fn a_conversion_is_read_for_the_message_that_was_given() {
+    let Some(gpu) = device() else { return };
+    let mut small = Small::new(&gpu);
+    small.set("--extractor", "blind");
+    small.run("out", &["--message", "hex:a5", "--min-accuracy", "0"]).done();
+    let convert = |to: &str, message: &[&str]| {
+        let [model, to, key, receipt] =
+            ["out/marked/model.ply", to, "owner.key", "out/private/receipt.json"].map(|name| small.out(name));
+        let args: [&dyn AsRef<OsStr>; 8] = [&"convert", &model, &to, &"--json", &"--key", &key, &"--receipt", &receipt];
+        let views: [&dyn AsRef<OsStr>; 6] = [&"--size", &"32x32", &"--orbit", &"1", &"--frames", &"2"];
+        let message: Vec<&dyn AsRef<OsStr>> = message.iter().map(|arg| arg as &dyn AsRef<OsStr>).collect();
+        guard4d(&[&args[..], &views, &message].concat())
+    };
+    convert("own.ply", &[]).refused(65, &["receipt.json", "message_mac", "--message"]);
+    let run = convert("given.ply", &["--message", "hex:a5"]);
+    // Two frames and eight bits prove nothing either way.
+    assert_eq!(run.code, 4, "{}", run.stderr);
+    let report: Value = serde_json::from_str(&run.stdout).expect("JSON on stdout");
+    assert!(report["frames"] == 2 && report["evidence"]["num_bits"] == 8, "{report}");
+}
+
+#[test]
 fn an_interrupted_run_goes_on_to_the_same_bytes() {
     let Some(gpu) = device() else { return };
     let small = Small::new(&gpu);
