@@ -50,7 +50,7 @@ pub(crate) fn run(args: &ConvertArgs, common: &Common) -> Result<Outcome, Engine
         }
     }
     match (&device, &args.key, &args.receipt) {
-        (Some(device), Some(key), Some(receipt)) => read_again(args, common, device, (key, receipt)),
+        (Some(device), Some(key), Some(receipt)) => read_again((args, common), device, (key, receipt), &opened),
         _ => {
             if !export.keeps_colours() {
                 note(common, "note: whether a mark survived was not looked at; give --key and --receipt for that");
@@ -88,21 +88,24 @@ impl<'a> Moments<'a> {
     }
 }
 
-/// Films what was written and looks for the mark.
+/// Films what was written of a model, as that is filmed, and looks for the mark.
 fn read_again(
-    args: &ConvertArgs,
-    common: &Common,
+    (args, common): (&ConvertArgs, &Common),
     device: &Device,
     (key, receipt): (&Path, &Path),
+    model: &Model,
 ) -> Result<Outcome, EngineError> {
     let clip = devices::load_clip(device, &ClipSource::from_argument(&args.clip), common)?;
     let key = Key::read(key, &clip)?;
     let sought = args.message.as_ref().map(|text| Sought::parse(text, &key)).transpose()?;
     let general = args.general.as_deref().map(GeneralExtractor::read).transpose()?;
-    let written = Model::open(&args.out)?;
+    // A moment alone would be filmed from elsewhere, and files of splats say nothing of what is behind them.
+    let mut written = Model::open(&args.out)?;
+    written.background = model.background;
+    let cameras = cameras(&args.views, model)?;
     let films = tempfile::tempdir().map_err(|source| EngineError::Io { path: std::env::temp_dir(), source })?;
     let mut exhibits = Exhibits::default();
-    for (number, frames) in clean_clips(device, &written, &cameras(&args.views, &written)?)?.into_iter().enumerate() {
+    for (number, frames) in clean_clips(device, &written, &cameras)?.into_iter().enumerate() {
         let film = films.path().join(format!("view-{number}"));
         write_png_folder(&film, &frames)?;
         exhibits.suspects.push(film);

@@ -39,6 +39,25 @@ fn a_clip_is_judged_in_words_and_in_json() {
     assert_eq!(text.stderr, "", "nothing to say");
 }
 
+/// One moment as a file of its own stands still, and things that stand still are usually filmed from elsewhere.
+#[test]
+fn a_moment_is_read_again_from_where_the_moving_model_is_filmed() {
+    let Some(gpu) = device() else { return };
+    let (owner, folder) = (delivered(&gpu), scratch());
+    let (marked, film, moment) = (owner.join("out/marked"), folder.path().join("film"), folder.path().join("0.ply"));
+    let views: [&dyn AsRef<OsStr>; 7] = [&"--orbit", &"1", &"--frames", &"1", &"--size", &"32x32", &"--json"];
+    guard4d(&[&[&"render" as &dyn AsRef<OsStr>, &marked, &"--out", &film], &views[..]].concat()).done();
+    let (key, receipt) = (owner.join("owner.key"), owner.join("out/private/receipt.json"));
+    let args: [&dyn AsRef<OsStr>; 7] = [&"convert", &marked, &moment, &"--key", &key, &"--receipt", &receipt];
+    let evidence = |run: &Run| {
+        let report: serde_json::Value = serde_json::from_str(&run.stdout).expect("JSON on stdout");
+        assert_eq!(report["frames"], 1, "{report}");
+        report["evidence"]["p_value"].clone()
+    };
+    let again = evidence(&guard4d(&[&args[..], &views].concat()));
+    assert_eq!(again, evidence(&verify(owner, &film, &[&"--json"])), "a PLY keeps every coefficient");
+}
+
 #[test]
 fn clips_that_are_no_clips_are_refused() {
     let Some(gpu) = device() else { return };
