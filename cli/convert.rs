@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use guard4d_engine::EngineError;
-use guard4d_engine::clip::ClipSource;
+use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::deform::DeformField;
 use guard4d_engine::media::frames::write_png_folder;
 use guard4d_engine::output::{AtomicDir, AtomicFile, Existing};
@@ -36,6 +36,7 @@ pub(crate) fn run(args: &ConvertArgs, common: &Common) -> Result<Outcome, Engine
     let opened = model::open(&args.model, common)?;
     // Only what moves or is looked at needs a device.
     let device = (!opened.motion.is_still() || args.key.is_some()).then(|| devices::open(common)).transpose()?;
+    let question = Question::read(args, common, device.as_ref())?;
     let existing = if args.overwrite { Existing::Replace } else { Existing::Refuse };
     let mut moments = Moments::new(&opened, device.as_ref())?;
     match args.moments {
@@ -49,9 +50,9 @@ pub(crate) fn run(args: &ConvertArgs, common: &Common) -> Result<Outcome, Engine
             folder.commit()?;
         }
     }
-    match (&device, &args.key, &args.receipt) {
-        (Some(device), Some(key), Some(receipt)) => read_again((args, common), device, (key, receipt), &opened),
-        _ => {
+    match question {
+        Some(question) => question.read_again((args, common), &opened),
+        None => {
             if !export.keeps_colours() {
                 note(common, "note: whether a mark survived was not looked at; give --key and --receipt for that");
             }
@@ -88,30 +89,43 @@ impl<'a> Moments<'a> {
     }
 }
 
-/// Films what was written of a model, as that is filmed, and looks for the mark.
-fn read_again(
-    (args, common): (&ConvertArgs, &Common),
-    device: &Device,
-    (key, receipt): (&Path, &Path),
-    model: &Model,
-) -> Result<Outcome, EngineError> {
-    let clip = devices::load_clip(device, &ClipSource::from_argument(&args.clip), common)?;
-    let key = Key::read(key, &clip)?;
-    let sought = args.message.as_ref().map(|text| Sought::parse(text, &key)).transpose()?;
-    let general = args.general.as_deref().map(GeneralExtractor::read).transpose()?;
-    // A moment alone would be filmed from elsewhere, and files of splats say nothing of what is behind them.
-    let mut written = Model::open(&args.out)?;
-    written.background = model.background;
-    let cameras = cameras(&args.views, model)?;
-    let films = tempfile::tempdir().map_err(|source| EngineError::Io { path: std::env::temp_dir(), source })?;
-    let mut exhibits = Exhibits::default();
-    for (number, frames) in clean_clips(device, &written, &cameras)?.into_iter().enumerate() {
-        let film = films.path().join(format!("view-{number}"));
-        write_png_folder(&film, &frames)?;
-        exhibits.suspects.push(film);
+/// What the mark is looked for with. It is read before anything is written, so that a wrong key leaves no file behind.
+struct Question<'a> {
+    device: &'a Device,
+    clip: Clip,
+    key: Key,
+    sought: Option<Sought>,
+    receipt: &'a Path,
+    general: Option<GeneralExtractor>,
+}
+
+impl<'a> Question<'a> {
+    fn read(args: &'a ConvertArgs, common: &Common, device: Option<&'a Device>) -> Result<Option<Self>, EngineError> {
+        let (Some(device), Some(key), Some(receipt)) = (device, &args.key, &args.receipt) else { return Ok(None) };
+        let clip = devices::load_clip(device, &ClipSource::from_argument(&args.clip), common)?;
+        let key = Key::read(key, &clip)?;
+        let sought = args.message.as_ref().map(|text| Sought::parse(text, &key)).transpose()?;
+        let general = args.general.as_deref().map(GeneralExtractor::read).transpose()?;
+        Ok(Some(Self { device, clip, key, sought, receipt, general }))
     }
-    let case = Case { device, clip: &clip, key: &key, sought, receipt, general: general.as_ref() };
-    let report = case.verify(&exhibits, &read_options())?;
-    print(common, &report, human)?;
-    Ok(outcome(&report))
+
+    /// Films what was written of a model, as that is filmed, and looks for the mark.
+    fn read_again(self, (args, common): (&ConvertArgs, &Common), model: &Model) -> Result<Outcome, EngineError> {
+        let Self { device, clip, key, sought, receipt, general } = self;
+        // A moment alone would be filmed from elsewhere, and files of splats say nothing of what is behind them.
+        let mut written = Model::open(&args.out)?;
+        written.background = model.background;
+        let cameras = cameras(&args.views, model)?;
+        let films = tempfile::tempdir().map_err(|source| EngineError::Io { path: std::env::temp_dir(), source })?;
+        let mut exhibits = Exhibits::default();
+        for (number, frames) in clean_clips(device, &written, &cameras)?.into_iter().enumerate() {
+            let film = films.path().join(format!("view-{number}"));
+            write_png_folder(&film, &frames)?;
+            exhibits.suspects.push(film);
+        }
+        let case = Case { device, clip: &clip, key: &key, sought, receipt, general: general.as_ref() };
+        let report = case.verify(&exhibits, &read_options())?;
+        print(common, &report, human)?;
+        Ok(outcome(&report))
+    }
 }

@@ -114,11 +114,11 @@ pub(crate) fn percent(share: f64) -> String {
 }
 
 /// What kind of evidence a mode can give.
-pub(crate) fn evidence_in_words(mode: ExtractorMode, has_chosen_mixing: bool) -> &'static str {
-    match (mode.is_message_blind(), has_chosen_mixing) {
+pub(crate) fn evidence_in_words(mode: ExtractorMode, is_chosen: bool) -> &'static str {
+    match (mode.is_message_blind(), is_chosen) {
         (true, false) => "exact p-value: the extractor never saw the message",
         (true, true) => {
-            "p-value at most: the extractor chose its mixing for the message, and is counted as often as it could"
+            "p-value at most: a mixing or an edit was chosen with the message in hand, and all that could have been are counted"
         }
         (false, _) => "empirical only: the extractor was trained with the message and may hold it itself",
     }

@@ -7,13 +7,14 @@ use guard4d_engine::clip::ClipSource;
 use guard4d_engine::media::ReadOptions;
 use guard4d_engine::media::framing::Rect;
 use guard4d_engine::scene::Model;
+use guard4d_engine::watermark::edits::Edit;
 use guard4d_engine::watermark::evidence::{PStatement, Verdict};
 use guard4d_engine::watermark::general::GeneralExtractor;
 use guard4d_engine::watermark::id_code::{IdBits, SearchedP};
 use guard4d_engine::watermark::key::Key;
 use guard4d_engine::watermark::other_keys::OtherKeys;
 use guard4d_engine::watermark::verify::{
-    Case, ClipReading, Exhibits, IdEvidence, Progress, Report, Sought, Stranger, clean_clips,
+    Case, ClipReading, Exhibits, IdEvidence, Progress, Report, Sought, Stranger, UndoneEdit, clean_clips,
 };
 
 use crate::args::{Common, VerifyArgs};
@@ -37,7 +38,8 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
     };
     let stranger = |path: &PathBuf| Ok(Stranger { name: path.display().to_string(), key: Key::read(path, &clip)? });
     let strangers = args.other_key.iter().map(stranger).collect::<Result<_, EngineError>>()?;
-    let exhibits = Exhibits { suspects: args.clips.clone(), unrelated: args.unrelated.clone(), clean, strangers };
+    let (suspects, edits) = (args.clips.clone(), args.framing.edits());
+    let exhibits = Exhibits { suspects, edits, unrelated: args.unrelated.clone(), clean, strangers };
     let general = args.general.as_deref().map(GeneralExtractor::read).transpose()?;
     let (receipt, general) = (&args.receipt, general.as_ref());
     let case = Case { device: &device, clip: &clip, key: &key, sought, receipt, general };
@@ -71,12 +73,13 @@ pub(crate) fn human(report: &Report) -> String {
         ("verdict", format!("{:?}", e.verdict).to_uppercase()),
         ("bits", format!("{} of {} match ({} frames)", e.matches, e.num_bits, report.frames)),
         ("bit accuracy", format!("{}, recovered exactly: {}", percent(e.bit_accuracy), yes_or_no(e.exact))),
-        ("evidence", evidence_in_words(e.mode, report.mixing.of > 1).to_owned()),
+        ("evidence", evidence_in_words(e.mode, report.mixing.of > 1 || report.edit.is_some()).to_owned()),
         ("p-value", p),
         ("inverted message", format!("{} of {} match", e.panel.inverted.leak.matches, e.num_bits)),
         ("other keys' messages", other_keys_in_words(&e.panel.other_messages)),
         ("other keys' readings", other_keys_in_words(&e.panel.other_readings)),
     ];
+    rows.extend(report.edit.as_ref().map(|undone| ("undone", edit_in_words(undone))));
     rows.extend(report.id.iter().flat_map(id_rows));
     // A single clip has been told of above.
     if report.clips.len() > 1 {
@@ -138,6 +141,29 @@ fn clip_in_words(clip: &ClipReading, num_bits: u32) -> String {
     let id = clip.id.map(|id| format!(", id {id}")).unwrap_or_default();
     let ClipReading { name, matches, exact, .. } = clip;
     format!("{name}: {matches} of {num_bits} match, recovered exactly: {}{id}", yes_or_no(*exact))
+}
+
+fn edit_in_words(undone: &UndoneEdit) -> String {
+    let UndoneEdit { edit: Edit { rotation, crop, right, below, brightness, mirror }, tried } = undone;
+    let mut words = Vec::new();
+    if *rotation != 0.0 {
+        words.push(format!("turned by {rotation} degrees"));
+    }
+    if *crop != 1.0 {
+        words.push(format!("cropped to {crop} of each side"));
+    }
+    if (*right, *below) != (0.0, 0.0) {
+        words
+            .push(format!("its middle {right:.3} of the width right of the film's and {below:.3} of the height below"));
+    }
+    if *brightness != 1.0 {
+        words.push(format!("{brightness} times as bright"));
+    }
+    if *mirror {
+        words.push("mirrored".to_owned());
+    }
+    let words = if words.is_empty() { "nothing".to_owned() } else { words.join(", ") };
+    format!("{words}; nearest to the claim of {tried} guesses")
 }
 
 fn cut_row(clip: &ClipReading) -> Option<Row> {

@@ -10,13 +10,14 @@ use crate::support::random::Random;
 
 const CLIP: ClipShape = ClipShape { frames: 2, height: 24, width: 20 };
 /// One of each kind, none so strong that a colour between 0.3 and 0.7 leaves [0, 1].
-const ALL: [&str; 9] = [
+const ALL: [&str; 10] = [
     "identity",
     "noise:0.02",
     "rotation:-7.5",
     "rescale:0.5",
     "blur:1.2",
     "crop:0.7",
+    "mirror",
     "brightness:1.3",
     "jpeg:80",
     "codec:1",
@@ -47,6 +48,7 @@ fn what_is_printed_can_be_read_again_and_nonsense_is_refused() {
         ("", "NAME one of identity, noise"),
         ("jpeg", "NAME:STRENGTH"),
         ("identity:1", "NAME:STRENGTH"),
+        ("mirror:1", "NAME:STRENGTH"),
         ("gamma:2", "NAME one of"),
         ("noise:loud", "NAME:STRENGTH"),
         ("noise:NaN", "from 0 to 1"),
@@ -141,6 +143,12 @@ fn an_attack_rounds_each_distortion_and_refuses_ranges_and_other_sizes() {
     let frame = Frame::new(8, 6, rgb.clone()).expect("a frame");
     let mut nothing = Attack::new(&gpu, (8, 6), &[parsed("identity")], 0).expect("prepares");
     assert_eq!(nothing.apply(&frame, 0).expect("runs"), frame, "eight bits stay eight bits");
+    let mut swapped = Attack::new(&gpu, (8, 6), &[parsed("mirror")], 0).expect("prepares");
+    let mirrored = swapped.apply(&frame, 0).expect("runs");
+    let rows = mirrored.rgb().chunks_exact(24).zip(rgb.chunks_exact(24));
+    for (y, (got, want)) in rows.enumerate() {
+        assert!(got.chunks_exact(3).rev().eq(want.chunks_exact(3)), "row {y} from right to left");
+    }
     let mut chain =
         Attack::new(&gpu, (8, 6), &[parsed("brightness:0.5"), parsed("brightness:2")], 0).expect("prepares");
     let halved = |v: u8| (f32::from(v) * 0.5 / 255.0 * 255.0 + 0.5).floor();

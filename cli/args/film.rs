@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use guard4d_engine::media::codec::Codec;
 use guard4d_engine::media::framing::{Crop, Framing};
+use guard4d_engine::watermark::edits::EditSearch;
 
 /// Which frames are read.
 #[derive(Args, Debug)]
@@ -22,7 +23,7 @@ pub(crate) struct FrameArgs {
     pub(crate) max_frames: Option<NonZeroU32>,
 }
 
-/// What part of a frame is the picture.
+/// What part of a frame is the picture, and what may have been done to it.
 #[derive(Args, Debug)]
 #[command(next_help_heading = "Frames")]
 pub(crate) struct FramingArgs {
@@ -39,11 +40,23 @@ pub(crate) struct FramingArgs {
     /// that CLIP sees, so that stretching by itself changes little.
     #[arg(long, value_name = "WIDTHxHEIGHT|auto", default_value = "auto", value_parser = PictureSize::parse)]
     picture_size: PictureSize,
+    /// Edits that the suspect films may have gone through, all the same: one or more of rotation, crop, window, brightness and mirror
+    ///
+    /// Guesses are undone, each with each: 8 turns to 20 degrees either way (rotation), the middle 0.9 to 0.6 of each side (crop) or such parts from
+    /// anywhere (window), 4 factors from 0.7 to 1.4 (brightness), left and right swapped (mirror). What is nearest to the claim counts, and its
+    /// p-value is multiplied by the number of guesses: 9 for rotation, 5 for crop, 565 for window, 5 for brightness, 2 for mirror; 45 for
+    /// rotation,crop. Every frame is read as often. Name all kinds at once: whoever tries one list after the other has tried both.
+    #[arg(long, value_name = "KIND,…")]
+    edits: Option<EditSearch>,
 }
 
 impl FramingArgs {
     pub(crate) fn framing(&self) -> Framing {
         Framing { crop: self.crop.unwrap_or_default(), size_px: self.picture_size.0 }
+    }
+
+    pub(crate) fn edits(&self) -> EditSearch {
+        self.edits.clone().unwrap_or_default()
     }
 }
 

@@ -504,7 +504,7 @@ pub(crate) struct AttackArgs {
     ///
     /// noise (standard deviation, colours being in [0, 1]), rotation (degrees, black outside), rescale (share of each side, and
     /// back), blur (standard deviation in px), crop (share of each side that is kept and enlarged), brightness (factor), jpeg
-    /// (quality), codec (low pass in px with chroma at half resolution; --out FILE.mp4 --crf is a real codec), identity.
+    /// (quality), codec (low pass in px with chroma at half resolution; --out FILE.mp4 --crf is a real codec), mirror, identity.
     #[arg(long = "with", value_name = "NAME:STRENGTH", value_delimiter = ',', required = true)]
     pub(crate) distortions: Vec<Distortion>,
     /// Seed of noise

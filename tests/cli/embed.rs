@@ -113,7 +113,10 @@ fn a_chosen_mixing_is_in_the_report_and_in_the_p_value() {
     let p = &report["evidence"]["p_value"];
     assert!(p["kind"] == "searched" && p["searched"] == 2 && p["soft_score"].is_number(), "{report}");
     let text = verify(&[]).stdout;
-    assert!(text.contains("at most, of the best of 2 claims") && text.contains("chose its mixing"), "{text}");
+    assert!(
+        text.contains("at most, of the best of 2 claims") && text.contains("a mixing or an edit was chosen"),
+        "{text}"
+    );
     small.set("--extractor", "joint");
     small.run("other", &["--mixings", "2"]).refused(2, &["mixings", "joint", "blind"]);
 }

@@ -6,6 +6,7 @@ mod convert;
 mod demo;
 mod devices;
 mod dump;
+mod edits;
 mod embed;
 mod films;
 mod forgery;

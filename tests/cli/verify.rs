@@ -54,6 +54,10 @@ fn a_moment_is_read_again_from_where_the_moving_model_is_filmed() {
         assert_eq!(report["frames"], 1, "{report}");
         report["evidence"]["p_value"].clone()
     };
+    for wrong in [[&"--message" as &dyn AsRef<OsStr>, &"hex:zz"], [&"--general", &key]] {
+        let run = guard4d(&[&args[..], &wrong].concat());
+        assert!([2, 65].contains(&run.code) && !moment.exists(), "{}: nothing is written in vain", run.stderr);
+    }
     let again = evidence(&guard4d(&[&args[..], &views].concat()));
     assert_eq!(again, evidence(&verify(owner, &film, &[&"--json"])), "a PLY keeps every coefficient");
 }

@@ -4,6 +4,7 @@ mod control_losses;
 mod copies;
 mod cross_examination;
 mod decoder;
+mod edits;
 mod embedding;
 mod evidence;
 pub(crate) mod forgery;

@@ -2,6 +2,7 @@
 
 use guard4d_engine::media::Frame;
 use guard4d_engine::watermark::calibration::Calibration;
+use guard4d_engine::watermark::edits::Edit;
 use guard4d_engine::watermark::evidence::ExtractorMode;
 use guard4d_engine::watermark::extractor::{ExtractorWeights, Reader, Sight};
 use guard4d_engine::watermark::mixing::Mixing;
@@ -34,15 +35,15 @@ fn frames_are_seen_alike_whether_they_come_together_or_one_by_one() {
     for count in [1, 8, 11] {
         let together = reader.look(&frames[..count]).expect("sees");
         assert_eq!(together.logits.len(), count * owner.key.bits(), "{count} frames");
-        let mut watching = reader.watch();
+        let mut watching = reader.watch(&[Edit::NONE]);
         for frame in &frames[..count] {
             watching.push(frame.clone()).expect("sees");
         }
         // The same clips in the same kernels.
-        assert!(watching.finish().expect("sees") == together, "{count} frames");
+        assert!(watching.finish().expect("sees")[0] == together, "{count} frames");
     }
-    assert!(reader.watch().finish().expect("nothing to see") == Sight::default(), "no frame");
-    let mut watching = reader.watch();
+    assert!(reader.watch(&[Edit::NONE]).finish().expect("nothing to see")[0] == Sight::default(), "no frame");
+    let mut watching = reader.watch(&[Edit::NONE]);
     let pushed: Result<Vec<()>, _> = (0..7).map(|t| watching.push(frame(t, 24))).collect();
     assert_eq!(pushed.expect("of one size").len(), 7, "frames");
     let error = watching.push(frame(7, 32)).expect_err("another size");

@@ -2,12 +2,13 @@
 
 use guard4d_kernels::image::jpeg::{self, JpegQuality};
 use guard4d_kernels::image::noise::{self, Noise};
-use guard4d_kernels::image::resize::{self, Blur, ImageSize, Onward, ResizePlan};
+use guard4d_kernels::image::resize::{Blur, ImageSize, ResizePlan};
 use guard4d_kernels::image::warp::{self, Sampling, Warp};
 use guard4d_kernels::image::{CHANNELS, chroma420, colour_map};
 use guard4d_kernels::shape::ClipShape;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
 
+use super::resizer::Resizer;
 use super::{Distortion, Kind};
 
 /// Standard deviations at which a blur is cut off.
@@ -41,27 +42,6 @@ struct Rescale {
     down: Resizer,
     up: Resizer,
     small: Buffer<f32>,
-}
-
-/// A resize or blur with its working memory.
-#[derive(Debug)]
-struct Resizer {
-    plan: ResizePlan,
-    scratch: Buffer<f32>,
-}
-
-impl Resizer {
-    fn new(device: &Device, frames: usize, plan: ResizePlan) -> Result<Self, KernelError> {
-        Ok(Self { scratch: plan.scratch(device, frames)?, plan })
-    }
-
-    fn forward(&mut self, rec: &mut Recorder, x: &Buffer<f32>, y: &mut Buffer<f32>) -> Result<(), KernelError> {
-        resize::forward(rec, &self.plan, x, y, &mut self.scratch)
-    }
-
-    fn backward(&mut self, rec: &mut Recorder, v_y: &Buffer<f32>, v_x: &mut Buffer<f32>) -> Result<(), KernelError> {
-        resize::backward(rec, &self.plan, v_y, (v_x, Onward::default()), &mut self.scratch)
-    }
 }
 
 /// Distortions of clips of one size.
@@ -209,7 +189,9 @@ impl Tables {
             }
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a whole number from 1 to 100")]
             Kind::Jpeg => Ok(Self::Jpeg(JpegQuality::new(device, strength as u8)?)),
-            Kind::Identity | Kind::Noise | Kind::Rotation | Kind::Crop | Kind::Brightness => Ok(Self::None),
+            Kind::Identity | Kind::Noise | Kind::Rotation | Kind::Crop | Kind::Mirror | Kind::Brightness => {
+                Ok(Self::None)
+            }
         }
     }
 }
@@ -230,8 +212,9 @@ fn noise_of(sigma: f64, drawn: Drawn) -> Noise {
     Noise { sigma, seed: drawn.seed, stream: drawn.stream }
 }
 
+/// Every colour times `factor`.
 #[allow(clippy::cast_possible_truncation, reason = "a factor up to 4")]
-fn brightness(factor: f64) -> colour_map::ColourMap {
+pub(crate) fn brightness(factor: f64) -> colour_map::ColourMap {
     std::array::from_fn(|i| std::array::from_fn(|j| if i == j { factor as f32 } else { 0.0 }))
 }
 
@@ -239,6 +222,7 @@ fn warp_of(kind: Kind, clip: ClipShape, strength: f64) -> Option<Warp> {
     match kind {
         Kind::Rotation => Some(Warp::rotation(clip, strength, Sampling::Bilinear, [0.0; 3])),
         Kind::Crop => Some(Warp::crop(clip, strength)),
+        Kind::Mirror => Some(Warp::mirror(clip)),
         _ => None,
     }
 }

@@ -5,6 +5,7 @@
 
 mod attack;
 mod layer;
+mod resizer;
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -13,7 +14,9 @@ use std::str::FromStr;
 use serde::{Serialize, Serializer};
 
 pub use attack::Attack;
+pub(crate) use layer::brightness;
 pub use layer::{Drawn, Layer};
+pub(crate) use resizer::Resizer;
 
 use crate::error::EngineError;
 
@@ -32,6 +35,8 @@ pub enum Kind {
     Blur,
     /// The middle part, enlarged to the frame bilinearly; strength: that part as a share of each side.
     Crop,
+    /// Left and right swapped.
+    Mirror,
     /// All colours times the strength, then clamped.
     Brightness,
     /// Baseline JPEG with 4:2:0 chroma; strength: the quality, 1 to 100, on libjpeg's scale.
@@ -55,13 +60,14 @@ const fn facts(kind: Kind, name: &'static str, strengths: RangeInclusive<f64>, i
 }
 
 /// All kinds. Those that need tables on the device have fixed strengths in training: a step makes none.
-const FACTS: [Facts; 9] = [
+const FACTS: [Facts; 10] = [
     facts(Kind::Identity, "identity", 0.0..=0.0, false),
     facts(Kind::Noise, "noise", 0.0..=1.0, true),
     facts(Kind::Rotation, "rotation", -180.0..=180.0, true),
     facts(Kind::Rescale, "rescale", 0.05..=1.0, false),
     facts(Kind::Blur, "blur", 0.1..=20.0, false),
     facts(Kind::Crop, "crop", 0.05..=1.0, true),
+    facts(Kind::Mirror, "mirror", 0.0..=0.0, false),
     facts(Kind::Brightness, "brightness", 0.0..=4.0, true),
     facts(Kind::Jpeg, "jpeg", 1.0..=100.0, false),
     facts(Kind::Codec, "codec", 0.1..=20.0, false),
@@ -70,6 +76,17 @@ const FACTS: [Facts; 9] = [
 impl Kind {
     fn facts(self) -> &'static Facts {
         FACTS.iter().find(|facts| facts.kind == self).expect("every kind has its facts")
+    }
+
+    /// Name in files and on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        self.facts().name
+    }
+
+    /// Whether it can be weak or strong.
+    fn has_strength(self) -> bool {
+        self.facts().strengths != (0.0..=0.0)
     }
 }
 
@@ -132,16 +149,16 @@ impl Distortion {
 impl fmt::Display for Distortion {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { kind, low, high } = self;
-        let name = kind.facts().name;
-        match (kind, self.is_fixed()) {
-            (Kind::Identity, _) => write!(f, "{name}"),
-            (_, true) => write!(f, "{name}:{low}"),
-            (_, false) => write!(f, "{name}:{low}..{high}"),
+        let name = kind.name();
+        match (kind.has_strength(), self.is_fixed()) {
+            (false, _) => write!(f, "{name}"),
+            (true, true) => write!(f, "{name}:{low}"),
+            (true, false) => write!(f, "{name}:{low}..{high}"),
         }
     }
 }
 
-/// `identity`, `jpeg:50`, or with strengths between two numbers `rotation:-15..15`.
+/// `identity` or `mirror`, `jpeg:50`, or with strengths between two numbers `rotation:-15..15`.
 impl FromStr for Distortion {
     type Err = EngineError;
 
@@ -156,7 +173,7 @@ impl FromStr for Distortion {
         };
         let (name, strength) = text.split_once(':').unwrap_or((text, ""));
         let kind = FACTS.iter().find(|facts| facts.name == name).ok_or_else(bad)?.kind;
-        if kind == Kind::Identity {
+        if !kind.has_strength() {
             return if strength.is_empty() { Self::new(kind, 0.0) } else { Err(bad()) };
         }
         let (low, high) = strength.split_once("..").unwrap_or((strength, strength));

@@ -3,14 +3,15 @@
 use std::path::Path;
 
 use guard4d_kernels::image::normalize::{self, Normalization};
-use guard4d_kernels::image::resize::{self, ImageSize, ResizePlan};
 use guard4d_kernels::shape::{Accumulate, ClipShape};
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
 
 use super::calibration::Calibration;
 use super::decoder::{Decoder, DecoderPass};
 use super::digest::Digest;
+use super::edits::Edit;
 use super::evidence::ExtractorMode;
+use super::intake::Intake;
 use super::key::{Key, digest_of};
 use super::mixing::Mixing;
 use super::tmsd::{Tmsd, TmsdPass, TmsdWeights};
@@ -30,8 +31,8 @@ const NORMALIZATION: Normalization =
 /// What happens to a frame before R, for receipts.
 pub const PREPROCESS: &str = "resize: bilinear, antialiased, align_corners; squashed to CLIP's size; rgb in [0, 1]";
 
-/// Most frames of one film that [`Watching`] takes: twelve hours at 24 in a second, of which the features take 2 GiB at CLIP's
-/// 512 numbers a frame.
+/// Most frames of one film that [`Watching`] takes, each counted as often as edits are undone: twelve hours at 24 in a second, of
+/// which the features take 2 GiB at CLIP's 512 numbers a frame.
 pub const MAX_FRAMES: usize = 1 << 20;
 
 /// The parts of an extractor that belong to one asset; private.
@@ -221,6 +222,13 @@ impl FeatureExtractor {
         self.tower.image_size()
     }
 
+    /// What clips are resized to.
+    #[must_use]
+    pub fn shape(&self) -> ClipShape {
+        let side = self.side();
+        ClipShape { frames: CLIP_FRAMES, height: side, width: side }
+    }
+
     /// Clips that are read at once.
     #[must_use]
     pub fn branches(&self) -> usize {
@@ -369,59 +377,6 @@ pub fn decode(
     Ok(pass.logits.read()?)
 }
 
-/// Brings 8-bit frames of one size to CLIP's.
-#[derive(Debug)]
-pub(super) struct Intake {
-    size: ImageSize,
-    plan: ResizePlan,
-    scratch: Buffer<f32>,
-    /// Frames as they are `[F,H,W,4]`.
-    full: Buffer<f32>,
-}
-
-impl Intake {
-    /// Room for frames of the size of `first`, which CLIP sees at `side` × `side` pixels.
-    ///
-    /// # Errors
-    /// When memory runs out.
-    pub(super) fn new(device: &Device, first: &Frame, side: usize) -> Result<Self, EngineError> {
-        let size = ImageSize { height: first.height() as usize, width: first.width() as usize };
-        let plan = ResizePlan::new(device, size, ImageSize { height: side, width: side })?;
-        Ok(Self {
-            scratch: plan.scratch(device, CLIP_FRAMES)?,
-            full: device.buffer("intake.full", CLIP_FRAMES * size.height * size.width * 4)?,
-            size,
-            plan,
-        })
-    }
-
-    /// A clip of [`CLIP_FRAMES`] from at most as many frames, the last repeated, into `resized` `[F,S,S,4]`. The recording has
-    /// to be submitted before the next one loads.
-    ///
-    /// # Errors
-    /// [`EngineError::Usage`] with frames of another size; when the device fails.
-    pub(super) fn load(
-        &mut self,
-        rec: &mut Recorder,
-        frames: &[Frame],
-        resized: &mut Buffer<f32>,
-    ) -> Result<(), EngineError> {
-        let ImageSize { height, width } = self.size;
-        for i in 0..CLIP_FRAMES {
-            let frame = &frames[i.min(frames.len() - 1)];
-            if (frame.height() as usize, frame.width() as usize) != (height, width) {
-                return Err(EngineError::Usage {
-                    what: "clip".to_owned(),
-                    got: format!("a frame of {} x {} px", frame.width(), frame.height()),
-                    expected: format!("{width} x {height} px like the first"),
-                });
-            }
-            self.full.write_at(i * height * width * 4, &frame.to_rgba32f())?;
-        }
-        Ok(resize::forward(rec, &self.plan, &self.full, resized, &mut self.scratch)?)
-    }
-}
-
 /// A ready extractor that reads 8-bit frames.
 #[derive(Debug)]
 pub struct Reader {
@@ -479,46 +434,45 @@ impl Reader {
                 expected: "at least one frame".to_owned(),
             });
         };
-        let mut intake = Intake::new(&self.device, first, self.features.side())?;
+        let mut intake = Intake::new(&self.device, first, self.features.shape())?;
         let mut sight = Sight::default();
         for chunk in frames.chunks(CLIP_FRAMES) {
-            self.see(&mut intake, chunk, &mut sight)?;
+            intake.load(chunk)?;
+            self.see(&mut intake, chunk.len(), Edit::NONE, &mut sight)?;
         }
         Ok(sight)
     }
 
-    /// Looks at frames that come one after the other, of which it holds no more than a clip.
+    /// Looks at frames that come one after the other, of which it holds no more than a clip, as often as there are edits that could
+    /// have been done to them, each time without that edit.
     #[must_use]
-    pub const fn watch(&mut self) -> Watching<'_> {
-        Watching {
-            reader: self,
-            intake: None,
-            waiting: Vec::new(),
-            sight: Sight { features: Vec::new(), logits: Vec::new() },
-        }
+    pub fn watch(&mut self, done: &[Edit]) -> Watching<'_> {
+        let sights = done.iter().map(|&edit| (edit, Sight::default())).collect();
+        Watching { reader: self, intake: None, waiting: Vec::new(), sights }
     }
 
-    /// Appends what a clip of at most [`CLIP_FRAMES`] shows.
-    fn see(&mut self, intake: &mut Intake, clip: &[Frame], sight: &mut Sight) -> Result<(), EngineError> {
+    /// Appends what the first `frames` of the clip that was taken in show.
+    fn see(&mut self, intake: &mut Intake, frames: usize, done: Edit, sight: &mut Sight) -> Result<(), EngineError> {
         let mut rec = self.device.recorder()?;
-        intake.load(&mut rec, clip, &mut self.resized)?;
+        intake.show(&mut rec, done, &mut self.resized)?;
         self.features.forward(&mut rec, &[&self.resized])?;
         self.decoder.forward(&mut rec, self.features.features(), &mut self.pass)?;
         rec.submit()?;
         let width = self.features.features().len() / CLIP_FRAMES;
-        sight.features.extend(self.features.features().read_range(0..clip.len() * width)?);
-        sight.logits.extend(self.pass.logits.read_range(0..clip.len() * self.bits)?);
+        sight.features.extend(self.features.features().read_range(0..frames * width)?);
+        sight.logits.extend(self.pass.logits.read_range(0..frames * self.bits)?);
         Ok(())
     }
 }
 
-/// Frames of one film on their way through a [`Reader`]. It sees them as [`Reader::look`] does.
+/// Frames of one film on their way through a [`Reader`]. It sees them as [`Reader::look`] does, but for edits.
 #[derive(Debug)]
 pub struct Watching<'a> {
     reader: &'a mut Reader,
     intake: Option<Intake>,
     waiting: Vec<Frame>,
-    sight: Sight,
+    /// What is seen without each edit.
+    sights: Vec<(Edit, Sight)>,
 }
 
 impl Watching<'_> {
@@ -527,36 +481,40 @@ impl Watching<'_> {
     /// # Errors
     /// [`EngineError::Usage`] for a frame of another size than the first, or after [`MAX_FRAMES`]; when the device fails.
     pub fn push(&mut self, frame: Frame) -> Result<(), EngineError> {
-        let seen = self.sight.logits.len() / self.reader.bits + self.waiting.len();
-        if seen >= MAX_FRAMES {
+        let seen = self.sights.first().map_or(0, |(_, sight)| sight.logits.len() / self.reader.bits);
+        let most = MAX_FRAMES / self.sights.len().max(1);
+        if seen + self.waiting.len() >= most {
             return Err(EngineError::Usage {
                 what: "film".to_owned(),
-                got: format!("more than {MAX_FRAMES} frames"),
-                expected: "fewer: read one of several, or limit their number".to_owned(),
+                got: format!("more than {most} frames"),
+                expected: "fewer: read one of several, limit their number, or guess fewer edits".to_owned(),
             });
         }
         self.waiting.push(frame);
         if self.waiting.len() == CLIP_FRAMES { self.see() } else { Ok(()) }
     }
 
-    /// What was seen in all frames; nothing if there was none.
+    /// What was seen in all frames without each edit; nothing if there was none.
     ///
     /// # Errors
     /// Those of [`Self::push`].
-    pub fn finish(mut self) -> Result<Sight, EngineError> {
+    pub fn finish(mut self) -> Result<Vec<Sight>, EngineError> {
         if !self.waiting.is_empty() {
             self.see()?;
         }
-        Ok(self.sight)
+        Ok(self.sights.into_iter().map(|(_, sight)| sight).collect())
     }
 
     fn see(&mut self) -> Result<(), EngineError> {
-        let Self { reader, intake, waiting, sight } = self;
+        let Self { reader, intake, waiting, sights } = self;
         let intake = match intake {
             Some(intake) => intake,
-            None => intake.insert(Intake::new(&reader.device, &waiting[0], reader.features.side())?),
+            None => intake.insert(Intake::new(&reader.device, &waiting[0], reader.features.shape())?),
         };
-        reader.see(intake, waiting, sight)?;
+        intake.load(waiting)?;
+        for (done, sight) in sights {
+            reader.see(intake, waiting.len(), *done, sight)?;
+        }
         waiting.clear();
         Ok(())
     }

@@ -21,10 +21,12 @@ use guard4d_kernels::{Buffer, Device};
 use serde::Serialize;
 
 use super::decoder::{Decoder, DecoderPass};
+use super::edits::Edit;
 use super::embed::Subject;
 use super::evaluate::{leak, read_clips};
 use super::evidence::ExtractorMode;
-use super::extractor::{CLIP_FRAMES, ExtractorWeights, FeatureExtractor, Intake, Reader, Training};
+use super::extractor::{CLIP_FRAMES, ExtractorWeights, FeatureExtractor, Reader, Training};
+use super::intake::Intake;
 use super::message::Message;
 use super::null_panel::Leak;
 use crate::clip::Purpose;
@@ -140,11 +142,12 @@ impl Accuser {
     fn show(&self, device: &Device, clips: &[Vec<Frame>]) -> Result<Vec<Buffer<f32>>, EngineError> {
         let mut shown = Vec::new();
         for clip in clips.iter().filter(|clip| !clip.is_empty()) {
-            let mut intake = Intake::new(device, &clip[0], self.features.side())?;
+            let mut intake = Intake::new(device, &clip[0], self.features.shape())?;
             for chunk in clip.chunks(CLIP_FRAMES) {
                 let mut resized = device.buffer("forgery.resized", self.features.clip_len())?;
+                intake.load(chunk)?;
                 let mut rec = device.recorder()?;
-                intake.load(&mut rec, chunk, &mut resized)?;
+                intake.show(&mut rec, Edit::NONE, &mut resized)?;
                 rec.submit()?;
                 shown.push(resized);
             }

@@ -6,7 +6,8 @@ use guard4d_kernels::Device;
 
 use super::delivery::EXTRACTOR;
 use super::digest::Digest;
-use super::evidence::{Claim, Evidence, ExtractorMode, Thresholds, judge};
+use super::edits::{Edit, EditSearch};
+use super::evidence::{Claim, DecisionStatistic, Evidence, ExtractorMode, Thresholds, judge};
 use super::extractor::{ExtractorWeights, PREPROCESS, Reader, Sight, decode};
 use super::general::GeneralExtractor;
 use super::id_code::{IdBits, IdCode, IdReading, SearchedP};
@@ -81,6 +82,8 @@ impl Sought {
 pub struct Exhibits {
     /// Suspect clips: folders of pictures, or videos.
     pub suspects: Vec<PathBuf>,
+    /// What may have been done to all of them alike, and is undone where that brings them nearer to the claim.
+    pub edits: EditSearch,
     /// Clips that surely carry no mark.
     pub unrelated: Vec<PathBuf>,
     /// Frames of the unmarked asset, one list per clip.
@@ -116,6 +119,16 @@ pub struct IdEvidence {
     pub is_promised: bool,
     /// Chance that the best of all ids agrees so well; none for a `joint` extractor, which has no p-value.
     pub p_value: Option<SearchedP>,
+}
+
+/// What was undone before the suspect clips were read.
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+pub struct UndoneEdit {
+    /// The edit without which the clips are nearest to the claim.
+    #[serde(flatten)]
+    pub edit: Edit,
+    /// How many were tried, nothing at all among them; every p-value is multiplied by it.
+    pub tried: u32,
 }
 
 /// How one suspect clip reads by itself.
@@ -158,6 +171,8 @@ pub struct Report {
     pub commitment: Digest,
     /// Mixing that the extractor reads through.
     pub mixing: Mixing,
+    /// What was undone, if edits were asked for.
+    pub edit: Option<UndoneEdit>,
     /// The id read, if ids are asked for.
     pub id: Option<IdEvidence>,
     /// Each suspect clip by itself.
@@ -179,18 +194,33 @@ struct Promised {
 
 /// What was read of the suspect clips.
 struct Suspects {
-    sight: Sight,
+    /// Of all clips together, without each edit that may have been done.
+    sights: Vec<Sight>,
     side_px: u32,
     frames: usize,
     damage: Vec<String>,
-    readings: Vec<ClipSeen>,
+    clips: Vec<ClipSeen>,
 }
 
 /// What was read of one of them.
 struct ClipSeen {
     name: String,
-    reading: Reading,
+    /// Without each edit.
+    readings: Vec<Reading>,
     cut: Option<Rect>,
+}
+
+/// What the suspect clips say without one of the edits.
+struct Answer {
+    /// Its number.
+    edit: usize,
+    reading: Reading,
+    /// What they are compared with.
+    message: Message,
+    /// The best id, and what it proves as the best of all.
+    id: Option<(IdReading, SearchedP)>,
+    /// As if nothing had been chosen; the least decides between edits.
+    p: SearchedP,
 }
 
 impl Case<'_> {
@@ -221,86 +251,139 @@ impl Case<'_> {
         self.check_rule(&receipt)?;
         let promised = self.promised(&receipt)?;
         let extractor = self.extractor(&receipt)?;
-        let mut reader = Reader::new(self.device, self.clip, self.key, &extractor)?;
-        let suspects = self.look(&mut reader, &exhibits.suspects, options, watch)?;
-        let reading = Reading::from_logits(&suspects.sight.logits, num_bits(self.key))?;
         let prf = self.key.prf();
-        let (message, searched, id) = match promised.id {
-            None => (promised.message, 1, None),
-            Some((code, number)) => {
-                let (found, p) = code.read(&reading, &prf)?;
-                let p = p.among(extractor.mixing.of);
-                let read = id_evidence(code, number, found, extractor.mode.is_message_blind().then_some(p));
-                match promised.any_id {
-                    true => (code.message(found.id, &code.pad(&prf)?)?, code.id_bits().num_ids(), Some(read)),
-                    false => (promised.message, 1, Some(read)),
-                }
+        let mut reader = Reader::new(self.device, self.clip, self.key, &extractor)?;
+        let edits = exhibits.edits.guesses();
+        let suspects = self.look(&mut reader, (&exhibits.suspects, &edits), options, watch)?;
+        let rule = &receipt.body.promise.thresholds;
+        let Answer { edit, reading, message, id, .. } = self.nearest(&suspects, &promised, rule.statistic)?;
+        let tried = u32::try_from(edits.len()).unwrap_or(u32::MAX);
+        let chosen = extractor.mixing.of.saturating_mul(tried);
+        let mut searched = chosen;
+        let id = promised.id.zip(id).map(|((code, number), (found, p))| {
+            if promised.any_id {
+                searched = searched.saturating_mul(p.searched);
             }
-        };
+            let is_blind = extractor.mode.is_message_blind();
+            id_evidence(code, number, found, is_blind.then(|| p.among(chosen)))
+        });
         let mut controls = self.controls(&mut reader, exhibits, options, watch, message)?;
+        let sight = &suspects.sights[edit];
         for stranger in &exhibits.strangers {
-            controls.push(self.stranger(stranger, &extractor, &suspects.sight)?);
+            controls.push(self.stranger(stranger, &extractor, sight)?);
         }
-        let coordinates = extractor.calibration.coordinates(&suspects.sight.features);
+        let coordinates = extractor.calibration.coordinates(&sight.features);
         let claim = Claim {
             message,
-            searched: searched.saturating_mul(extractor.mixing.of),
+            searched,
             mode: extractor.mode,
             reading: &reading,
             throwaway: &ThrowawayKeys::derive(&prf, &coordinates)?,
             side_px: suspects.side_px,
             controls: &controls,
         };
-        let evidence = judge(&claim, &receipt.body.promise.thresholds)?;
+        let evidence = judge(&claim, rule)?;
         let code = promised.id.map(|(code, _)| code);
-        let clips = suspects.readings.iter().map(|clip| self.alone(clip, &message, code));
+        let clips = suspects.clips.iter().map(|clip| self.alone(clip, edit, &message, code));
         let clips = clips.collect::<Result<_, _>>()?;
         let Suspects { frames, damage, .. } = suspects;
-        Ok(Report { evidence, commitment: receipt.commitment, mixing: extractor.mixing, id, clips, frames, damage })
+        let edit = (tried > 1).then(|| UndoneEdit { edit: edits[edit], tried });
+        Ok(Report {
+            evidence,
+            commitment: receipt.commitment,
+            mixing: extractor.mixing,
+            edit,
+            id,
+            clips,
+            frames,
+            damage,
+        })
+    }
+
+    /// What the suspects say without the edit that brings them nearest to what is sought.
+    fn nearest(
+        &self,
+        suspects: &Suspects,
+        promised: &Promised,
+        statistic: DecisionStatistic,
+    ) -> Result<Answer, EngineError> {
+        let answers = (0..).zip(&suspects.sights).map(|(edit, sight)| self.answer(edit, sight, promised));
+        let answers = answers.collect::<Result<Vec<_>, _>>()?;
+        let p = |answer: &Answer| match statistic {
+            DecisionStatistic::Matches => answer.p.matches,
+            DecisionStatistic::SoftScore => answer.p.soft_score,
+        };
+        // The first of equals: rather nothing than an edit.
+        let nearest = answers.into_iter().min_by(|a, b| p(a).total_cmp(&p(b)));
+        Ok(nearest.expect("nothing at all is always among the edits"))
+    }
+
+    fn answer(&self, edit: usize, sight: &Sight, promised: &Promised) -> Result<Answer, EngineError> {
+        let reading = Reading::from_logits(&sight.logits, num_bits(self.key))?;
+        let (mut message, mut id) = (promised.message, None);
+        if let Some((code, _)) = promised.id {
+            let prf = self.key.prf();
+            let (found, p) = code.read(&reading, &prf)?;
+            if promised.any_id {
+                message = code.message(found.id, &code.pad(&prf)?)?;
+            }
+            id = Some((found, p));
+        }
+        let p = SearchedP::of(&reading, &message, 1)?;
+        Ok(Answer { edit, reading, message, id, p })
     }
 
     fn look(
         &self,
         reader: &mut Reader,
-        paths: &[PathBuf],
+        (paths, edits): (&[PathBuf], &[Edit]),
         options: &ReadOptions,
         watch: Watcher<'_>,
     ) -> Result<Suspects, EngineError> {
         let mut all = Suspects {
-            sight: Sight::default(),
+            sights: vec![Sight::default(); edits.len()],
             side_px: u32::MAX,
             frames: 0,
             damage: Vec::new(),
-            readings: Vec::new(),
+            clips: Vec::new(),
         };
         for path in paths {
             let source = FrameSource::open(path, options)?;
-            let (sight, ending) = look_at(reader, path, &source, watch)?;
+            let (sights, ending) = look_at(reader, path, (&source, edits), watch)?;
             if let Integrity::Damaged { messages } = ending.integrity {
                 all.damage.push(format!("{}: {messages}", path.display()));
             }
             let (width, height) = ending.size_px;
             all.side_px = all.side_px.min(width).min(height);
-            all.frames += sight.logits.len() / self.key.bits();
-            let reading = Reading::from_logits(&sight.logits, num_bits(self.key))?;
-            all.readings.push(ClipSeen { name: path.display().to_string(), reading, cut: source.cut() });
-            all.sight.extend(&sight);
+            all.frames += sights[0].logits.len() / self.key.bits();
+            let readings = sights.iter().map(|sight| Reading::from_logits(&sight.logits, num_bits(self.key)));
+            let readings = readings.collect::<Result<_, _>>()?;
+            all.clips.push(ClipSeen { name: path.display().to_string(), readings, cut: source.cut() });
+            for (whole, sight) in all.sights.iter_mut().zip(&sights) {
+                whole.extend(sight);
+            }
         }
         Ok(all)
     }
 
-    /// One suspect clip by itself.
-    fn alone(&self, clip: &ClipSeen, message: &Message, code: Option<IdCode>) -> Result<ClipReading, EngineError> {
-        let ClipSeen { name, reading, cut } = clip;
+    /// One suspect clip by itself, without the edit of that number.
+    fn alone(
+        &self,
+        clip: &ClipSeen,
+        edit: usize,
+        message: &Message,
+        code: Option<IdCode>,
+    ) -> Result<ClipReading, EngineError> {
+        let reading = &clip.readings[edit];
         let matches = reading.matches(message)?;
         let read = |code: IdCode| code.decode(reading.mean_logits(), &code.pad(&self.key.prf())?);
         Ok(ClipReading {
-            name: name.clone(),
+            name: clip.name.clone(),
             matches,
             bit_accuracy: f64::from(matches) / f64::from(message.num_bits()),
             exact: matches == message.num_bits(),
             id: code.map(read).transpose()?.map(|found| found.id),
-            cut: *cut,
+            cut: clip.cut,
         })
     }
 
@@ -321,8 +404,9 @@ impl Case<'_> {
         };
         let options = ReadOptions { framing: Framing::default(), ..options.clone() };
         for path in &exhibits.unrelated {
-            let (sight, _) = look_at(reader, path, &FrameSource::open(path, &options)?, watch)?;
-            weigh(ControlKind::UnrelatedClip, path.display().to_string(), &sight.logits)?;
+            let source = FrameSource::open(path, &options)?;
+            let (sights, _) = look_at(reader, path, (&source, &[Edit::NONE]), watch)?;
+            weigh(ControlKind::UnrelatedClip, path.display().to_string(), &sights[0].logits)?;
         }
         for (i, clean) in exhibits.clean.iter().enumerate() {
             weigh(ControlKind::CleanRender, format!("clean view {i}"), &reader.logits(clean)?)?;
@@ -461,15 +545,15 @@ impl Case<'_> {
     }
 }
 
-/// Reads one clip from its first frame to its last, and never holds more of it than [`Reader`] looks at together.
+/// Reads one clip from its first frame to its last without each edit, and never holds more of it than [`Reader`] looks at together.
 fn look_at(
     reader: &mut Reader,
     path: &Path,
-    source: &FrameSource,
+    (source, edits): (&FrameSource, &[Edit]),
     watch: Watcher<'_>,
-) -> Result<(Sight, Ending), EngineError> {
+) -> Result<(Vec<Sight>, Ending), EngineError> {
     let expected = source.expected_frames();
-    let mut watching = reader.watch();
+    let mut watching = reader.watch(edits);
     let mut frames = 0;
     let ending = source.for_each(&mut |frame| {
         watching.push(frame)?;

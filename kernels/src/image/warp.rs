@@ -48,7 +48,15 @@ impl Warp {
         Self::about_the_middle(clip, [[share, 0.0], [0.0, share]], Sampling::Bilinear, [0.0; 3])
     }
 
-    fn about_the_middle(clip: ClipShape, m: [[f64; 2]; 2], sampling: Sampling, fill: [f32; 3]) -> Self {
+    /// Left and right swapped.
+    #[must_use]
+    pub fn mirror(clip: ClipShape) -> Self {
+        Self::about_the_middle(clip, [[-1.0, 0.0], [0.0, 1.0]], Sampling::Nearest, [0.0; 3])
+    }
+
+    /// The linear map `m` of positions as seen from the middle of the frame.
+    #[must_use]
+    pub fn about_the_middle(clip: ClipShape, m: [[f64; 2]; 2], sampling: Sampling, fill: [f32; 3]) -> Self {
         let middle = [clip.width, clip.height].map(|n| (n as f64 - 1.0) / 2.0);
         let row = |i: usize| [m[i][0], m[i][1], middle[i] - m[i][0] * middle[0] - m[i][1] * middle[1]];
         Self { map: [row(0), row(1)], sampling, fill }

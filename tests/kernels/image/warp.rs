@@ -55,6 +55,7 @@ fn gpu_follows_the_twin() {
             Warp::rotation(clip, 17.0, Sampling::Bilinear, FILL),
             Warp::rotation(clip, -30.0, Sampling::Nearest, FILL),
             Warp::crop(clip, 0.4),
+            Warp::mirror(clip),
             Warp { map: [[1.7, 0.2, -3.3], [-0.4, 2.1, 1.1]], sampling: Sampling::Bilinear, fill: FILL },
         ] {
             let (got, want) = (on_gpu(&gpu, clip, &warp, &x, &v_y), on_host(clip, &warp, &x, &v_y));
