@@ -221,6 +221,8 @@ struct Answer {
     id: Option<(IdReading, SearchedP)>,
     /// As if nothing had been chosen; the least decides between edits.
     p: SearchedP,
+    /// Sum of the logits signed by the message, over the norm of the logits.
+    clearness: f64,
 }
 
 impl Case<'_> {
@@ -313,8 +315,12 @@ impl Case<'_> {
             DecisionStatistic::Matches => answer.p.matches,
             DecisionStatistic::SoftScore => answer.p.soft_score,
         };
-        // The first of equals: rather nothing than an edit.
-        let nearest = answers.into_iter().min_by(|a, b| p(a).total_cmp(&p(b)));
+        // Where several leave no bit wrong: rather nothing than an edit, and of edits the one of the clearest bits.
+        let nearest = answers.into_iter().min_by(|a, b| {
+            let is_edited = |answer: &Answer| answer.edit > 0;
+            let equals = || is_edited(a).cmp(&is_edited(b)).then(b.clearness.total_cmp(&a.clearness));
+            p(a).total_cmp(&p(b)).then_with(equals)
+        });
         Ok(nearest.expect("nothing at all is always among the edits"))
     }
 
@@ -330,7 +336,9 @@ impl Case<'_> {
             id = Some((found, p));
         }
         let p = SearchedP::of(&reading, &message, 1)?;
-        Ok(Answer { edit, reading, message, id, p })
+        let margins = reading.margins(&message)?;
+        let clearness = margins.iter().sum::<f64>() / margins.iter().map(|m| m * m).sum::<f64>().sqrt();
+        Ok(Answer { edit, reading, message, id, p, clearness })
     }
 
     fn look(
