@@ -1,38 +1,25 @@
 //! Benchmarks of the kernels and of the embedding step, in device time and CPU time.
 //!
-//! `./x bench` runs all quick rows and writes `benches/results/<date>-<device>/`; `./x bench --compare A B` sets two such
-//! folders side by side.
+//! `./x bench` runs all quick rows and writes `benches/results/<date>-<device>/`; `./x bench --compare A B` sets two
+//! such folders side by side; `./x bench --check` runs every row once and measures nothing.
 
 #![allow(clippy::cast_possible_truncation, reason = "test data is made of small numbers")]
 
-mod chart;
-mod clip;
-mod compare;
-mod embed;
 mod harness;
-mod host;
-mod image;
-mod loss;
-mod memory;
-mod nn;
-mod optim;
-mod probe;
+mod kernels;
+mod pipeline;
 mod report;
-mod scaling;
-mod scan;
-mod scene;
-mod splat;
-mod stats;
-mod target;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Instant;
 
 use clap::Parser;
-use guard4d_engine::EngineError;
+use guard4d_engine::error::EngineError;
 use guard4d_kernels::{Device, DeviceOptions, DeviceSelect, FamilySelect};
 
-type Outcome = Result<(), EngineError>;
+use harness::{Bench, Effort};
+use report::{Run, compare};
 
 /// Measures kernels, CLIP's image tower and embedding steps. Paths are relative to the repository.
 #[derive(Debug, Parser)]
@@ -43,6 +30,10 @@ struct Args {
     /// Also fit how the cost grows with views, frames and splats, and embed into large scenes within a memory budget
     #[arg(long)]
     full: bool,
+    /// Measure nothing: run every row once, those of --full too, smaller where that saves much, and write no report.
+    /// Fails when a row does, or when no row runs a kernel
+    #[arg(long, conflicts_with_all = ["compare", "full", "out", "scenes"])]
+    check: bool,
     /// Measure nothing: print ratios of two results folders, B to A, and flag what became slower
     #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with_all = ["filters", "full", "out"])]
     compare: Vec<PathBuf>,
@@ -98,26 +89,37 @@ fn run(args: &Args) -> Result<Vec<&'static str>, EngineError> {
     }
     let options = DeviceOptions { kernels: args.kernels, ..DeviceOptions::default() };
     let device = Device::open_with(&args.device, options)?;
-    let mut bench = harness::Bench::new(device, args.filters.clone());
+    let effort = if args.check { Effort::Check } else { Effort::Measure };
+    let (started, load) = (Instant::now(), report::host::load());
+    let mut bench = Bench::new(device, args.filters.clone(), effort);
     bench.scenes.clone_from(&args.scenes);
     for family in [
-        probe::measure,
-        nn::measure,
-        clip::measure,
-        image::measure,
-        loss::measure,
-        optim::measure,
-        scan::measure,
-        splat::measure,
-        embed::measure,
+        kernels::probe::measure,
+        kernels::nn::measure,
+        pipeline::clip::measure,
+        kernels::image::measure,
+        kernels::loss::measure,
+        kernels::optim::measure,
+        kernels::scan::measure,
+        kernels::splat::measure,
+        pipeline::embed::measure,
     ] {
         family(&mut bench)?;
     }
-    if args.full {
-        scaling::measure(&mut bench)?;
-        memory::measure(&mut bench)?;
+    if args.full || args.check {
+        pipeline::scaling::measure(&mut bench)?;
+        pipeline::memory::measure(&mut bench)?;
     }
-    report::write(&bench, args)?;
+    if args.check {
+        let rows = bench.rows.len() + bench.memory.len();
+        println!(
+            "{rows} rows ran once on {} kernels, in {:.0} s",
+            bench.device.family(),
+            started.elapsed().as_secs_f64()
+        );
+    } else {
+        report::write(&bench, &Run { command: args.command(), load, out: args.out.clone() })?;
+    }
     Ok(bench.unmeasured())
 }
 

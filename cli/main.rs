@@ -1,42 +1,29 @@
 //! The `guard4d` command: parse, run, exit code; nothing else.
 
-mod args;
-mod attack;
-mod convert;
-mod demo;
-mod devices;
-mod dump;
-mod embed;
-mod film;
-mod inspect;
-mod keygen;
-mod media;
-mod model;
-mod pretrain;
-mod progress;
-mod render;
-mod report;
-mod stop;
-mod study;
-mod verify;
-mod views;
+mod command_line;
+mod commands;
+mod flags;
+mod shared;
+mod ui;
 
-use std::io::IsTerminal as _;
 use std::panic::{UnwindSafe, catch_unwind};
 use std::process::ExitCode;
 
-use clap::Parser;
-use guard4d_engine::EngineError;
-use guard4d_engine::error::INTERNAL_ERROR;
-use tracing_subscriber::EnvFilter;
+use clap::{CommandFactory as _, Parser as _};
+use guard4d_engine::error::{EngineError, INTERNAL_ERROR};
 
-use args::{Cli, Command, Common};
-use report::{Outcome, say};
+use command_line::{Cli, Command};
+use commands::{
+    attack, completions, convert, demo, devices, embed, inspect, keygen, lab, man, reference, render, undo, verify,
+};
+use ui::log;
+use ui::outcome::Outcome;
+use ui::report::say;
 
 fn main() -> ExitCode {
     ExitCode::from(guarded(|| {
         let cli = Cli::parse();
-        start_log(&cli.common);
+        log::start(&cli.common);
         match run(&cli) {
             Ok(outcome) => outcome.exit_code(),
             Err(error) => {
@@ -48,8 +35,8 @@ fn main() -> ExitCode {
     }))
 }
 
-/// Exit code of `work`, or of an internal error when it panics. The panic has been told where it happened; its unwinding
-/// has removed partial outputs, which an end on the spot would leave.
+/// Exit code of `work`, or of an internal error when it panics. The panic has been told where it happened; its
+/// unwinding has removed partial outputs, which an end on the spot would leave.
 fn guarded(work: impl FnOnce() -> u8 + UnwindSafe) -> u8 {
     catch_unwind(work).unwrap_or_else(|_| {
         say("guard4d: an error inside the program; please report it with the lines above");
@@ -58,39 +45,28 @@ fn guarded(work: impl FnOnce() -> u8 + UnwindSafe) -> u8 {
 }
 
 fn run(cli: &Cli) -> Result<Outcome, EngineError> {
+    let common = &cli.common;
     match &cli.command {
-        Command::Attack(args) => attack::run(args, &cli.common),
-        Command::Convert(args) => convert::run(args, &cli.common),
-        Command::Demo(args) => demo::run(args, &cli.common),
-        Command::Devices => devices::run(&cli.common),
-        Command::Dump(args) => dump::run(args, &cli.common),
-        Command::Embed(args) => embed::run(args, &cli.common),
-        Command::Inspect(args) => inspect::run(args, &cli.common),
-        Command::Keygen(args) => keygen::run(args, &cli.common),
-        Command::PretrainExtractor(args) => pretrain::run(args, &cli.common),
-        Command::Render(args) => render::run(args, &cli.common),
-        Command::Study(args) => study::run(args, &cli.common),
-        Command::Verify(args) => verify::run(args, &cli.common),
+        Command::Attack(args) => attack::run(args, common),
+        Command::Completions(args) => completions::run(args, &Cli::command()),
+        Command::Convert(args) => convert::run(args, common),
+        Command::Demo(args) => demo::run(args, common),
+        Command::Devices => devices::run(common),
+        Command::Embed(args) => embed::run::run(args, common),
+        Command::Inspect(args) => inspect::run(args, common),
+        Command::Keygen(args) => keygen::run(args, common),
+        Command::Lab(args) => lab::run(args, common),
+        Command::Man(args) => man::run(args, &Cli::command()),
+        Command::Reference(args) => reference::run(args, &Cli::command()),
+        Command::Render(args) => render::run(args, common),
+        Command::Undo(args) => undo::run(args),
+        Command::Verify(args) => verify::run(args, common),
     }
-}
-
-/// Talk goes to stderr; stdout carries data only.
-fn start_log(common: &Common) {
-    let level = match (common.quiet, common.verbose) {
-        (true, _) => "error",
-        (false, 0) => "warn",
-        (false, 1) => "debug",
-        (false, _) => "trace",
-    };
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
-    let colours = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
-    log.with_target(false).with_ansi(colours).init();
 }
 
 #[cfg(test)]
 mod tests {
-    use guard4d_engine::output::{AtomicDir, Existing};
+    use guard4d_engine::base::output::{AtomicDir, Existing};
 
     use super::{INTERNAL_ERROR, guarded};
 

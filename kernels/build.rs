@@ -1,7 +1,8 @@
-//! Compiles every `glsl/**/*.comp` to SPIR-V 1.5, reflects it, and writes the typed registry. Any failure stops the build.
+//! Compiles every `glsl/**/*.comp` to SPIR-V 1.5, reflects it, and writes the typed registry. Any failure stops the
+//! build.
 //!
-//! `X.comp` becomes a program of both kernel families, unless `X_tile.comp` is beside it: then each is one of its family.
-//! `X_coop.comp` needs cooperative matrices and serves either family of a device that has them.
+//! `X.comp` becomes a program of both kernel families, unless `X_tile.comp` is beside it: then each is one of its
+//! family. `X_coop.comp` needs cooperative matrices and serves either family of a device that has them.
 
 #[path = "build/compile.rs"]
 mod compile;
@@ -67,8 +68,12 @@ fn main() {
             programs(unit, own_tile, &out)
         })
         .collect();
-    let registry = out.join("registry.rs");
-    fs::write(&registry, generate::registry(&kernels)).unwrap_or_else(|e| panic!("{}: {e}", registry.display()));
+    write(&out.join("registry.rs"), &generate::registry(&kernels));
+    write(&out.join("coop_shared_bytes.rs"), &generate::coop_shared_bytes());
+}
+
+fn write(file: &Path, text: &str) {
+    fs::write(file, text).unwrap_or_else(|e| panic!("{}: {e}", file.display()));
 }
 
 /// The programs of one unit, compiled and checked; `has_tile` when another unit is its tile kernel.
@@ -100,8 +105,8 @@ fn programs(unit: Unit, has_tile: bool, out: &Path) -> Programs {
     Programs { kernel: lanes.kernel, lanes: lanes_spv, tiles: tiles_spv, is_coop: false }
 }
 
-/// The unit, or its interface where the compiler is older than cooperative matrices, as the shaderc of many systems is. The
-/// crate then takes no device to have any (`kernels/src/vk/cooperation.rs`).
+/// The unit, or its interface where the compiler is older than cooperative matrices, as the shaderc of many systems is.
+/// The crate then takes no device to have any (`kernels/src/vk/cooperation.rs`).
 fn known_to_the_compiler(unit: &Unit) -> Unit {
     let source = |defines: &[String]| Unit { source: with_defines(&unit.source, defines), name: unit.name.clone() };
     let Err(log) = compile::to_spirv(unit) else { return source(&[]) };

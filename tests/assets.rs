@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use guard4d_engine::scene::camera::{CameraSet, ImageSize};
+use guard4d_engine::scene::camera::{CameraSet, FrameSize};
 use guard4d_engine::scene::model::Model;
 
 use crate::support::{files_below, repo};
@@ -47,7 +47,7 @@ fn demo_scene_loads_without_a_warning() {
 #[test]
 fn demo_scene_brings_views_and_times() {
     let path = repo("engine/assets/demo-scene/transforms_test.json");
-    let size = ImageSize::new(64, 64).expect("not empty");
+    let size = FrameSize::new(64, 64).expect("not empty");
     let cameras = CameraSet::open(&path, size).expect("the demo scene brings cameras");
     let mut times: Vec<_> = cameras.entries().map(|(_, _, time)| time).collect();
     times.sort_by(f32::total_cmp);

@@ -1,20 +1,19 @@
 //! The arithmetic behind the benchmarks' reports: nothing here is timed.
 
-#[path = "../benches/chart.rs"]
+#[path = "../benches/report/chart.rs"]
 mod chart;
-#[path = "../benches/compare.rs"]
+#[path = "../benches/report/compare.rs"]
 mod compare;
-#[path = "../benches/scene.rs"]
+#[path = "../benches/harness/scene.rs"]
 mod scene;
-#[path = "../benches/stats.rs"]
+#[path = "../benches/report/stats.rs"]
 mod stats;
-#[path = "../benches/target.rs"]
+#[path = "../benches/report/target.rs"]
 mod target;
-
-use guard4d_engine::tensor_file::TensorFile;
 
 use chart::Bars;
 use compare::{CORE_MS, JUDGED_BY, MS, NAME, QUARTILES, parse, table};
+use guard4d_engine::base::tensor_file::TensorFile;
 use stats::{Quartiles, exponent};
 use target::{Bound, Measured, TARGETS};
 

@@ -1,19 +1,27 @@
 //! All integration tests in one binary: one link, shared helpers.
+//!
+//! A folder stands for a room of the engine and has its stems: `evidence/statistics.rs` tests
+//! `engine/src/evidence/statistics.rs`. Where one file has tests of several kinds, they stand in a folder of its stem;
+//! where several rooms work together, in `pipeline`. `kernels`, `cli` and `lab` test what bears these names.
 
 #![allow(clippy::cast_possible_truncation, reason = "test sizes are small")]
 
 mod assets;
+mod base;
 mod benches;
+mod ci;
 mod cli;
-mod clip;
-mod distortion;
+mod docs;
+mod evidence;
 mod kernels;
-mod lpips;
+mod lab;
 mod media;
+mod networks;
+mod picture;
 mod pipeline;
+mod release;
 mod render;
 mod scene;
-mod study;
 mod support;
 mod tidy;
 mod watermark;

@@ -10,10 +10,10 @@ use std::process::{Command, ExitCode, Stdio};
 use std::time::{Duration, Instant};
 
 use clap::Parser;
-use guard4d_engine::EngineError;
-use guard4d_engine::clip::ClipConfig;
-use guard4d_engine::demo::Scene;
-use guard4d_engine::tensor_file::{Tensor, TensorFile};
+use guard4d_engine::base::tensor_file::{Tensor, TensorFile};
+use guard4d_engine::error::EngineError;
+use guard4d_engine::networks::clip::ClipConfig;
+use guard4d_engine::scene::demo::DemoScene;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
@@ -70,7 +70,7 @@ fn run(args: &Args) -> Result<bool, EngineError> {
     if !clip.join("model.safetensors").exists() {
         write_checkpoint(&clip)?;
     }
-    let scene = Scene::unpack()?;
+    let scene = DemoScene::unpack()?;
     let key = out.join("owner.key");
     let (clip, key, model) = (text(&clip), text(&key), text(scene.path()));
     let with_clip = ["--clip", &clip, "--key", &key];
@@ -119,8 +119,8 @@ fn measure(name: &str, args: &[&str], expected: &[i32]) -> Result<Took, EngineEr
     Ok(Took { name: name.to_owned(), code, seconds: started.elapsed().as_secs_f64(), peak_bytes })
 }
 
-/// Most memory that a process has had so far, in bytes; 0 where the system does not tell. A processor's device memory is
-/// part of it.
+/// Most memory that a process has had so far, in bytes; 0 where the system does not tell. A processor's device memory
+/// is part of it.
 fn peak_of(process: u32) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
@@ -138,8 +138,9 @@ fn report(took: &[Took]) -> String {
 
 /// A checkpoint with the sizes that `config.json` has by default, which are ViT-B/32's, as Hugging Face lays it out.
 ///
-/// Matrices keep the length of what they multiply, and tokens are as long as the residual stream, so that the end token hears
-/// the others: with the small tokens of a fresh model the features of all messages are one point, which keygen refuses.
+/// Matrices keep the length of what they multiply, and tokens are as long as the residual stream, so that the end token
+/// hears the others: with the small tokens of a fresh model the features of all messages are one point, which keygen
+/// refuses.
 fn write_checkpoint(folder: &Path) -> Result<(), EngineError> {
     std::fs::create_dir_all(folder).map_err(|source| EngineError::Io { path: folder.to_owned(), source })?;
     let sizes = ClipConfig::from_json(folder, b"{\"projection_dim\": 512}")?;

@@ -43,7 +43,7 @@ CONVOLUTIONS = [(16, 16), (3, 16)]
 CLIP_SHAPE = (8, 224, 224)
 IMAGES = 8
 VIT = {"layers": 12, "width": 768, "heads": 12, "inner": 3072, "tokens": 50, "patch": 32, "features": 512}
-# The scenes of benches/splat.rs that gsplat draws, too.
+# The scenes of benches/kernels/splat.rs that gsplat draws, too.
 SCENES = ["50k, 800x800", "30k, 800x800"]
 # How many times as fast as gsplat guard4d's splats are meant to be drawn.
 GSPLAT_TARGET = 2.0
@@ -158,7 +158,7 @@ class Tower(nn.Module):
 
 
 def tower_flops():
-    """As benches/clip.rs counts them."""
+    """As benches/pipeline/clip.rs counts them."""
     w, t, patches = VIT["width"], VIT["tokens"], VIT["tokens"] - 1
     layer = t * (8 * w * w + 4 * w * VIT["inner"]) + 4 * t * t * w
     ends = patches * 6 * VIT["patch"] ** 2 * w + 2 * w * VIT["features"]

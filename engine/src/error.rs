@@ -99,7 +99,7 @@ pub enum EngineError {
 }
 
 impl EngineError {
-    /// Process exit code (sysexits where one fits; see README, "Exit codes").
+    /// Process exit code (sysexits where one fits; see docs/reference/exit-codes.md).
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {

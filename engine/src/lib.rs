@@ -1,22 +1,20 @@
-//! Scenes, rendering, CLIP, watermark and evidence of guard4d.
+//! Scenes, rendering, CLIP, marks and evidence of guard4d.
+//!
+//! The rooms stand in one order, and each imports only those before it: `error`, `device`, `base`, `scene`, `media`,
+//! `render`, `networks`, `picture`, `evidence`, `watermark`, `release`, `detect`.
 #![forbid(unsafe_code)]
 
-pub mod clip;
-pub mod deform;
-pub mod demo;
-pub mod distortion;
-pub mod dump;
+pub mod base;
+pub mod detect;
+pub mod device;
 pub mod error;
-pub mod json;
-pub mod lpips;
+pub mod evidence;
 pub mod media;
-mod natural;
-pub mod output;
+pub mod networks;
+pub mod picture;
+pub mod release;
 pub mod render;
 pub mod scene;
-pub mod study;
-pub mod tensor_file;
-pub mod train;
 pub mod watermark;
 
 pub use error::EngineError;

@@ -28,7 +28,8 @@ void main() {
         int inner = row % PATCH * PATCH + column % PATCH;
         int from = ((frame * p.grid_height + cell.y) * p.grid_width + cell.x) * p.texels + inner;
         vec3 v = texel_load(v_y, inside ? from : -1).rgb / vec3(p.std_r, p.std_g, p.std_b);
-        int to = ((p.frame + frame) * p.full_height + p.top + line % p.height) * p.full_width + p.left + int(i) % p.width;
+        int to = ((p.frame + frame) * p.full_height + p.top + line % p.height) * p.full_width + p.left +
+                 int(i) % p.width;
         v_x[to] = vec4(texel_load(v_before, to).rgb + v, 0.0);
     }
 }

@@ -1,8 +1,9 @@
 #version 460
-// image/crop_fwd: a window of some frames, normalised, with PATCH x PATCH pixels side by side in a cell. One invocation per
-// texel of y.
+// image/crop_fwd: a window of some frames, normalised, with PATCH x PATCH pixels side by side in a cell. One invocation
+// per texel of y.
 //   in   x [F, full_height, full_width, 4]
-//   out  y [., grid_height, grid_width, 4*texels], `total` texels from `y_texel` on (=): (x - mean) / std, fourth channel 0;
+//   out  y [., grid_height, grid_width, 4*texels], `total` texels from `y_texel` on (=): (x - mean) / std, fourth
+//     channel 0;
 //        zero in the border of `padding` pixels, beyond the window, and in texels beyond PATCH * PATCH
 //   twin kernels/src/reference/image/crop.rs
 #include "lib/grid.glsl"

@@ -2,8 +2,10 @@
 // image/jpeg_fwd: what a JPEG file with 4:2:0 chroma keeps of a frame, entropy coding left out: it loses nothing.
 //   in   x [F,H,W,4] in [0, 1]   quant [2, 64]: quantisation steps of luma, then of chroma, row by row, as texels
 //   out  y [F,H,W,4] (=), neither clamped nor rounded; fourth channel 0
-//   twin kernels/src/reference/image/jpeg.rs   one invocation per 16 x 16 pixels; groups: x = blocks of a frame, yz = frames
-//   a_*, b_*: rows of the map to luma and two chroma, and of the way back. Borders repeat the last pixel. Chroma is averaged over
+//   twin kernels/src/reference/image/jpeg.rs   one invocation per 16 x 16 pixels; groups: x = blocks of a frame, yz =
+//     frames
+//   a_*, b_*: rows of the map to luma and two chroma, and of the way back. Borders repeat the last pixel. Chroma is
+//     averaged over
 //   2 x 2 pixels and repeated. Per block 64 KiB of loads at most and 3,072 products: the loads are the limit.
 layout(local_size_x = 8) in;
 #include "lib/texels.glsl"
@@ -93,7 +95,8 @@ void main() {
         for (k = 0; k < 64; k++) {
             int column = min(left + x0 + k % 8, p.width - 1);
             int row = min(top + y0 + k / 8, p.height - 1);
-            block[k] = LEVELS * dot(vec3(p.a_xx, p.a_xy, p.a_xz), texel_load(x, first + row * p.width + column).rgb) - LEVEL_SHIFT;
+            block[k] = LEVELS * dot(vec3(p.a_xx, p.a_xy, p.a_xz), texel_load(x, first + row * p.width + column).rgb) -
+                       LEVEL_SHIFT;
         }
         lose(0);
         for (k = 0; k < 64; k++) {

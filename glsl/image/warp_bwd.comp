@@ -1,5 +1,6 @@
 #version 460
-// image/warp_bwd: the exact adjoint of image/warp_fwd, gathered: each input pixel visits the output pixels that can have read it.
+// image/warp_bwd: the exact adjoint of image/warp_fwd, gathered: each input pixel visits the output pixels that can
+// have read it.
 //   in   v_y [F,H,W,4]
 //   out  v_x [F,H,W,4] (=); fourth channel 0
 //   twin kernels/src/reference/image/warp.rs   one invocation per input pixel; groups: x = H * W, yz = frames
@@ -33,7 +34,8 @@ void main() {
     for (float row = low.y; row <= high.y; row++) {
         for (float column = low.x; column <= high.x; column++) {
             vec2 source = warp_source(column, row);
-            vec2 near = BILINEAR != 0 ? max(1.0 - abs(source - here), vec2(0.0)) : vec2(equal(floor(source + 0.5), here));
+            vec2 near = BILINEAR != 0 ? max(1.0 - abs(source - here), vec2(0.0))
+                                      : vec2(equal(floor(source + 0.5), here));
             float weight = near.x * near.y;
             vec3 v = texel_load(v_y, (frame * p.height + int(row)) * p.width + int(column)).rgb;
             sum += mix(vec3(0.0), weight * v, bvec3(weight > 0.0));

@@ -40,7 +40,8 @@ void main() {
         bvec3 right = bvec3(part.x > 0.0);
         bvec3 below = bvec3(part.y > 0.0);
         vec3 top = (1.0 - part.x) * at(frame, column, row) + mix(zero, part.x * at(frame, column + 1, row), right);
-        vec3 low = (1.0 - part.x) * at(frame, column, row + 1) + mix(zero, part.x * at(frame, column + 1, row + 1), right);
+        vec3 low = (1.0 - part.x) * at(frame, column, row + 1) +
+                   mix(zero, part.x * at(frame, column + 1, row + 1), right);
         colour = (1.0 - part.y) * top + mix(zero, part.y * low, below);
     } else {
         colour = at(frame, int(floor(source.x + 0.5)), int(floor(source.y + 0.5)));

@@ -1,9 +1,9 @@
-// lib/attention_block: 32 x 32 scores of one head and their products with 32 rows, held by 128 invocations; below 16 KiB
-// of shared memory for any HEAD_DIM, because operands pass through it in chunks of 4 texels and slices of 16.
-// Scores: invocation i holds rows i/8 and i/8 + 16, columns i%8 + 8u for u in 0..4: a texel read serves two or four of them.
-// In `weights` a vec4 spans the four columns of an invocation, so column c + 8u is component u of texel c.
-// Products: invocation i holds rows 4*(i/16).. at texel i%16 of every slice.
-// Includers define HEAD_DIM and SEEN(row, column): whether the mask shows the pair, for positions in the tile.
+// lib/attention_block: 32 x 32 scores of one head and their products with 32 rows, held by 128 invocations; below 16
+// KiB of shared memory for any HEAD_DIM, because operands pass through it in chunks of 4 texels and slices of 16.
+// Scores: invocation i holds rows i/8 and i/8 + 16, columns i%8 + 8u for u in 0..4: a texel read serves two or four of
+// them. In `weights` a vec4 spans the four columns of an invocation, so column c + 8u is component u of texel c.
+// Products: invocation i holds rows 4*(i/16).. at texel i%16 of every slice. Includers define HEAD_DIM and SEEN(row,
+// column): whether the mask shows the pair, for positions in the tile.
 #include "lib/softmax.glsl"
 const int TILE = 32;
 const int TEXELS = HEAD_DIM / 4;

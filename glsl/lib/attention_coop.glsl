@@ -1,9 +1,9 @@
 // lib/attention_coop: 32 x 32 scores of one head and their products with 32 rows by cooperative matrices, held by 128
-// invocations. Heads of up to MAX_DIM elements, zeros beyond theirs. Operands lie in shared memory as f16, a multiple of 16
-// bytes apart, as cooperative loads want, and on other banks than the row before.
-// The layout of a matrix in registers is the device's secret, so scores go through shared memory to the invocations that
-// weigh them, eight columns of a row each, and come back as `weights`. SUBGROUPS subgroups share the matrices of a tile.
-// No pair is masked: what does not exist is a zero row.
+// invocations. Heads of up to MAX_DIM elements, zeros beyond theirs. Operands lie in shared memory as f16, a multiple
+// of 16 bytes apart, as cooperative loads want, and on other banks than the row before. The layout of a matrix in
+// registers is the device's secret, so scores go through shared memory to the invocations that weigh them, eight
+// columns of a row each, and come back as `weights`. SUBGROUPS subgroups share the matrices of a tile. No pair is
+// masked: what does not exist is a zero row.
 #include "lib/softmax.glsl"
 const int TILE = 32;
 const int GROUP = 128;
@@ -19,7 +19,8 @@ const int WEIGHT_STRIDE4 = TILE / 4 + 2;
 const uint BLOCKS_DOWN = uint(TILE) / TM;
 const uint SCORE_BLOCKS = uint(TILE * TILE) / (TM * TN) / SUBGROUPS;
 const uint SUM_BLOCKS = (BLOCKS_DOWN * (DIM / TN) + SUBGROUPS - 1) / SUBGROUPS;
-shared vec4 scores[TILE * SCORE_STRIDE4]; // and at the end a matrix of each subgroup: SUBGROUPS * TM * TN <= 1024, as the host checks
+// At the end also a matrix of each subgroup: SUBGROUPS * TM * TN <= 1024, as the host checks.
+shared vec4 scores[TILE * SCORE_STRIDE4];
 shared f16vec4 weights[TILE * WEIGHT_STRIDE4];
 
 // Where the workgroup's rows, head and image begin, in texels of each buffer and in statistics.
@@ -65,7 +66,8 @@ shared f16vec4 weights[TILE * WEIGHT_STRIDE4];
             sum = coopMatMulAdd(a, b, sum);                                                                     \
             k += TK;                                                                                            \
         } while (k < DIM);                                                                                      \
-        coopMatStore(sum, result, row * SCORE_STRIDE4 + column / 4, SCORE_STRIDE4, gl_CooperativeMatrixLayoutRowMajor); \
+        coopMatStore(sum, result, row * SCORE_STRIDE4 + column / 4, SCORE_STRIDE4, \
+                     gl_CooperativeMatrixLayoutRowMajor); \
     }
 
 // Matrix i of this subgroup's share of a tile [TILE, DIM]: its first row and column; whether there is one.
@@ -86,7 +88,8 @@ bool owns_sum(uint i, out uint row, out uint column) {
             do {                                                                                                \
                 coopmat<float16_t, gl_ScopeSubgroup, TM, TK, gl_MatrixUseA> a;                                  \
                 coopmat<float16_t, gl_ScopeSubgroup, TK, TN, gl_MatrixUseB> b;                                  \
-                coopMatLoad(a, weights, row * WEIGHT_STRIDE4 + k / 4, WEIGHT_STRIDE4, gl_CooperativeMatrixLayoutRowMajor); \
+                coopMatLoad(a, weights, row * WEIGHT_STRIDE4 + k / 4, WEIGHT_STRIDE4, \
+                            gl_CooperativeMatrixLayoutRowMajor); \
                 coopMatLoad(b, panel, k * STRIDE4 + column / 4, STRIDE4, gl_CooperativeMatrixLayoutRowMajor);   \
                 acc[i] = coopMatMulAdd(a, b, acc[i]);                                                           \
                 k += TK;                                                                                        \

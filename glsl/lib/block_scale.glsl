@@ -1,5 +1,6 @@
-// lib/block_scale: gradients in 16-bit floats, which end at 6e-8: what a workgroup stages is multiplied by the power of two that
-// brings the largest value so far to 1..2. Where the scale falls, includers multiply the sums that they hold by how much.
+// lib/block_scale: gradients in 16-bit floats, which end at 6e-8: what a workgroup stages is multiplied by the power of
+// two that brings the largest value so far to 1..2. Where the scale falls, includers multiply the sums that they hold
+// by how much.
 shared uint largest_bits; // of the magnitudes of finite values, which order as whole numbers do
 
 // Bits of the largest magnitude among the finite components.

@@ -1,10 +1,11 @@
-// lib/conv3d_coop: 32 x 8 pixels of a frame x 16 output channels by cooperative matrices, held by 128 invocations.
-// A stage is one frame tap and 16 source channels: the pixels with their halo and the weights of nine positions lie in shared
-// memory as f16, 24 halves apart: a multiple of 16 bytes, as cooperative loads want, and on other banks than the neighbour's.
-// A position (oy, ox) is where in the halo a pixel finds its source. Matrix A is TM neighbours of a row at one position, so
-// that nothing is copied per tap; with PACKED the three positions of a row lie side by side in place of 16 channels.
-// A subgroup owns TM columns and ROWS rows: a row of the halo is loaded once per ox for the three rows of pixels it reaches.
-// Includers define CONV3D_TAP(oy, ox), the tap within a frame; and FOLD_ROWS, what else they add while `right` is at hand.
+// lib/conv3d_coop: 32 x 8 pixels of a frame x 16 output channels by cooperative matrices, held by 128 invocations. A
+// stage is one frame tap and 16 source channels: the pixels with their halo and the weights of nine positions lie in
+// shared memory as f16, 24 halves apart: a multiple of 16 bytes, as cooperative loads want, and on other banks than the
+// neighbour's. A position (oy, ox) is where in the halo a pixel finds its source. Matrix A is TM neighbours of a row at
+// one position, so that nothing is copied per tap; with PACKED the three positions of a row lie side by side in place
+// of 16 channels. A subgroup owns TM columns and ROWS rows: a row of the halo is loaded once per ox for the three rows
+// of pixels it reaches. Includers define CONV3D_TAP(oy, ox), the tap within a frame; and FOLD_ROWS, what else they add
+// while `right` is at hand.
 const int TILE_W = 32;
 const int TILE_H = 8;
 const int HALO_W = TILE_W + 2;
@@ -103,5 +104,6 @@ void stage_operands(int id, float scale) {
 
 // Four neighbouring sums of the matrix that this subgroup put into its patch.
 vec4 patch_texel(uint from) {
-    return vec4(patch_of_subgroup[from], patch_of_subgroup[from + 1], patch_of_subgroup[from + 2], patch_of_subgroup[from + 3]);
+    return vec4(patch_of_subgroup[from], patch_of_subgroup[from + 1], patch_of_subgroup[from + 2],
+                patch_of_subgroup[from + 3]);
 }

@@ -1,7 +1,7 @@
-// lib/conv3d_halo: 32 x 16 pixels of a frame x 4*BLOCK4 channels, held by 128 invocations: pixels (id%32, id/32 + 4b) each.
-// One texel of every pixel, its halo, and the weights of nine taps go through 12 KiB of shared memory at a time; per tap
-// an invocation reads PIXELS + 4*BLOCK4 vec4 and does 16*PIXELS*BLOCK4 multiply-adds.
-// Includers define CONV3D_GATHER(column, row, dx, dy): the texel that a pixel of the tile meets at a tap.
+// lib/conv3d_halo: 32 x 16 pixels of a frame x 4*BLOCK4 channels, held by 128 invocations: pixels (id%32, id/32 + 4b)
+// each. One texel of every pixel, its halo, and the weights of nine taps go through 12 KiB of shared memory at a time;
+// per tap an invocation reads PIXELS + 4*BLOCK4 vec4 and does 16*PIXELS*BLOCK4 multiply-adds. Includers define
+// CONV3D_GATHER(column, row, dx, dy): the texel that a pixel of the tile meets at a tap.
 const int TILE_W = 32;
 const int TILE_H = 16;
 const int HALO_W = TILE_W + 2;
@@ -10,7 +10,8 @@ const int GROUP = 128;
 shared vec4 halo[HALO_W * HALO_H];
 shared vec4 taps[9 * MAX_CHANNELS];
 
-// Texel q of pixels around the tile in frame `st`; `from_x(c)`, `from_y(c)` say which pixel a position reads, -1 = zero.
+// Texel q of pixels around the tile in frame `st`; `from_x(c)`, `from_y(c)` say which pixel a position reads, -1 =
+// zero.
 #define LOAD_HALO(source, from_x, from_y, st, q)                                                  \
     for (int i = id; i < HALO_W * HALO_H; i += GROUP) {                                           \
         int sx = from_x(left + i % HALO_W - 1);                                                   \

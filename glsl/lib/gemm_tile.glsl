@@ -9,7 +9,8 @@
 const int TILE_ROWS = 16;
 float acc[TILE_ROWS * BLOCKS];
 
-// Adds the products of texel `t` of k: texel `a0` or `a1` of a lane's rows, and a texel of each block of W, which starts at `w`.
+// Adds the products of texel `t` of k: texel `a0` or `a1` of a lane's rows, and a texel of each block of W, which
+// starts at `w`.
 void multiply_texel(int a0, int a1, int w, int t, int k4) {
     vec4 columns[BLOCKS];
 #ifdef FIXED16

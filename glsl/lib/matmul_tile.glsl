@@ -1,7 +1,8 @@
-// lib/matmul_tile: a tile of 8*ROWS x 64 sums of products, held by 128 invocations in registers.
-// Two panels of DEPTH k go through 16 KiB of shared memory; with ROWS = 4 half of the left one is unused. Invocation (x, y) = (id % 16, id / 16) holds the
-// rows ROWS*y.. and the columns 4x..: for one k it reads ROWS/4 + 1 vec4 and does 4*ROWS multiply-adds. A vec4 of a panel
-// spans four rows or columns, so all these reads are free of bank conflicts. Each sum runs over k in order.
+// lib/matmul_tile: a tile of 8*ROWS x 64 sums of products, held by 128 invocations in registers. Two panels of DEPTH k
+// go through 16 KiB of shared memory; with ROWS = 4 half of the left one is unused. Invocation (x, y) = (id % 16, id /
+// 16) holds the rows ROWS*y.. and the columns 4x..: for one k it reads ROWS/4 + 1 vec4 and does 4*ROWS multiply-adds. A
+// vec4 of a panel spans four rows or columns, so all these reads are free of bank conflicts. Each sum runs over k in
+// order.
 const int DEPTH = 32;
 const int COLUMN_TEXELS = 16;
 const int MAX_ROW_TEXELS = 16;

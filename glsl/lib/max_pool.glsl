@@ -1,5 +1,5 @@
-// lib/max_pool: the largest values of a window and the taps that they are at. The includer declares SIDE, STRIDE, `x_tex` and
-// the push constants `p.height, width, channels4`.
+// lib/max_pool: the largest values of a window and the taps that they are at. The includer declares SIDE, STRIDE,
+// `x_tex` and the push constants `p.height, width, channels4`.
 
 // First texel of the pixel (x, y) of an image.
 uint pixel_texel(uint x, uint y, uint image) {

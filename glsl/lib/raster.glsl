@@ -6,8 +6,8 @@ const float STOP_TRANSMITTANCE = 1e-4;
 // log2 of the opacity of a splat that is none.
 const float NO_SPLAT = -1e30;
 
-// Opacity of a splat at dy = centre.y - pixel.y, 0 when skipped. The conic carries -log2(e)/2, so peak + dy (bx + c dy) is
-// the base-2 logarithm of opacity times falloff, with peak = log_opacity + a dx^2 and bx = b dx.
+// Opacity of a splat at dy = centre.y - pixel.y, 0 when skipped. The conic carries -log2(e)/2, so peak + dy (bx + c dy)
+// is the base-2 logarithm of opacity times falloff, with peak = log_opacity + a dx^2 and bx = b dx.
 float splat_alpha(float peak, float bx, float c, float log_opacity, float dy) {
     float log_alpha = peak + dy * (bx + c * dy);
     float alpha = min(MAX_ALPHA, exp2(log_alpha));

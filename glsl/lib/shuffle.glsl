@@ -1,4 +1,5 @@
-// Values passed between lanes: eight neighbours in a workgroup, whose width is a multiple of 8. Included behind local_size_x.
+// Values passed between lanes: eight neighbours in a workgroup, whose width is a multiple of 8. Included behind
+// local_size_x.
 //   lane_shuffle(x, lane)   x of that lane, 0 to 7, the same for all   lane_shuffle_xor(x, mask)   x of lane ^ mask
 // All invocations of the workgroup call them together: the tile kernels (TILES) wait for each other there.
 #ifdef TILES

@@ -1,7 +1,8 @@
 // Sine and cosine to a few units in the last place for angles up to some thousands: those of a driver may be wrong by
 // 2^-11 (Vulkan, "Precision and Operation of SPIR-V Instructions"). NaN and infinities give NaN.
 
-// pi/2 in three parts (Cody & Waite 1980): the first has 8 bits and the second 11, so that thousands of quadrants times each are exact.
+// pi/2 in three parts (Cody & Waite 1980): the first has 8 bits and the second 11, so that thousands of quadrants times
+// each are exact.
 const float QUARTER_HIGH = 1.5703125;
 const float QUARTER_MIDDLE = 4.8375129699707031e-4;
 const float QUARTER_LOW = 7.5497899487686342e-8;

@@ -14,8 +14,10 @@
 #define TEXELS_U32(binding_number, name) TEXELS(binding_number, uvec4, name)
 #define texel_load(name, i) load_##name(i)
 #else
-#define TEXELS_F32(binding_number, name) layout(set = 0, binding = binding_number, rgba32f) uniform readonly imageBuffer name
-#define TEXELS_U32(binding_number, name) layout(set = 0, binding = binding_number, rgba32ui) uniform readonly uimageBuffer name
+#define TEXELS_F32(binding_number, name) \
+    layout(set = 0, binding = binding_number, rgba32f) uniform readonly imageBuffer name
+#define TEXELS_U32(binding_number, name) \
+    layout(set = 0, binding = binding_number, rgba32ui) uniform readonly uimageBuffer name
 #define texel_load imageLoad
 #endif
 

@@ -1,6 +1,7 @@
-// lib/windows: the square windows of images [F, height, width, 4*channels4] as rows of a matrix [F*out_height*out_width, k].
-// A row runs over taps, row by row, and within a tap over channels; what lies in the border of `padding` pixels is zero.
-// The includer's push constants are `p.height, width, out_height, out_width, channels4, taps, padding`.
+// lib/windows: the square windows of images [F, height, width, 4*channels4] as rows of a matrix
+// [F*out_height*out_width, k]. A row runs over taps, row by row, and within a tap over channels; what lies in the
+// border of `padding` pixels is zero. The includer's push constants are `p.height, width, out_height, out_width,
+// channels4, taps, padding`.
 
 // Index of a texel outside of every image, and still outside with the number of a channel added.
 const int OUTSIDE = -1048576;

@@ -1,7 +1,8 @@
 #version 460
-// loss/lpips_step: one tap of LPIPS (Zhang et al. 2018, eq. 1): features of unit length, their squared difference, weighted by
-// channel. One invocation per pixel of the tap.
-//   in   features, reference [rows, channels], behind a ReLU: of the image, and of what it is compared with   weight [channels]
+// loss/lpips_step: one tap of LPIPS (Zhang et al. 2018, eq. 1): features of unit length, their squared difference,
+// weighted by channel. One invocation per pixel of the tap.
+//   in   features, reference [rows, channels], behind a ReLU: of the image, and of what it is compared with   weight
+//     [channels]
 //        v_before: v_features as texels, read with ACCUMULATE
 //   out  v_features [rows, channels] (=), the gradient of the ReLU's input: (v_before + scale * own gradient) where the
 //        feature is above 0, else 0

@@ -1,5 +1,6 @@
 #version 460
-// loss/ssim_bwd: gradient of the mean 1 - SSIM to x; horizontal window over the slopes. One invocation per run of a row.
+// loss/ssim_bwd: gradient of the mean 1 - SSIM to x; horizontal window over the slopes. One invocation per run of a
+// row.
 //   in   rows [H,W,3,4] from loss/ssim_columns   x y [.,4] from first_px on   v_before: v_x as texels
 //   out  v_x [.,4] at first_px (=), or (+=) with ACCUMULATE; fourth channel 0
 //   twin kernels/src/reference/loss/ssim.rs

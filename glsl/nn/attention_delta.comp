@@ -1,5 +1,6 @@
 #version 460
-// nn/attention_delta: delta = v_attn . attn per query and head, the softmax backward's row term. One invocation per (query, head).
+// nn/attention_delta: delta = v_attn . attn per query and head, the softmax backward's row term. One invocation per
+// (query, head).
 //   in   attn [B*queries, heads*HEAD_DIM]   v_attn like attn
 //   out  delta [B, heads, queries] (=)
 //   twin kernels/src/reference/nn/attention.rs   Dao et al. 2022, appendix B.4
@@ -22,6 +23,7 @@ void main() {
     } while (++t < HEAD_DIM / 4);
     if (i < p.total) {
         uint row = i / p.heads;
-        delta[((row / p.queries) * p.heads + i % p.heads) * p.queries + row % p.queries] = sum.x + sum.y + sum.z + sum.w;
+        delta[((row / p.queries) * p.heads + i % p.heads) * p.queries + row % p.queries] =
+            sum.x + sum.y + sum.z + sum.w;
     }
 }

@@ -1,7 +1,10 @@
 #version 460
-// nn/attention_fwd: softmax(Q*K^T*scale)*V per head with a running maximum (Milakov & Gimelshein 2018), no score matrix in memory.
-//   in   q rows [B*queries, q_stride texels]   k, v rows [B*keys, kv_stride texels], head h at texel h*HEAD_DIM/4 of each part
-//   out  attn [B*queries, heads*HEAD_DIM] (=)   lse [B, heads, queries] (=), base-2 logarithm of the softmax denominators
+// nn/attention_fwd: softmax(Q*K^T*scale)*V per head with a running maximum (Milakov & Gimelshein 2018), no score matrix
+// in memory.
+//   in   q rows [B*queries, q_stride texels]   k, v rows [B*keys, kv_stride texels], head h at texel h*HEAD_DIM/4 of
+//     each part
+//   out  attn [B*queries, heads*HEAD_DIM] (=)   lse [B, heads, queries] (=), base-2 logarithm of the softmax
+//     denominators
 //   One subgroup of eight lanes per (16 queries, head, image). CAUSAL = 1: query i sees keys 0 ..= keys - queries + i.
 //   twin kernels/src/reference/nn/attention.rs
 #extension GL_EXT_control_flow_attributes : require
@@ -11,7 +14,9 @@ layout(local_size_x = 8) in;
 #include "lib/shuffle.glsl"
 layout(constant_id = 0) const int HEAD_DIM = 64;
 layout(constant_id = 1) const uint CAUSAL = 0;
-layout(push_constant) uniform Params { int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale; } p;
+layout(push_constant) uniform Params {
+    int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale;
+} p;
 TEXELS_F32(0, q_tex);
 TEXELS_F32(1, kv_tex);
 layout(set = 0, binding = 2) writeonly buffer Attn { vec4 attn[]; };
@@ -100,7 +105,8 @@ void main() {
                 int v_row = v_base + min(key0 + j + u, p.keys - 1) * p.kv_stride;
                 bool exists = key0 + j + u < p.keys;
                 [[unroll]] for (int i = 0; i < SLICES; ++i) {
-                    value[u * SLICES + i] = texel_or_zero(exists, texel_load(kv_tex, v_row + min(lane + 8 * i, TEXELS - 1)));
+                    value[u * SLICES + i] =
+                        texel_or_zero(exists, texel_load(kv_tex, v_row + min(lane + 8 * i, TEXELS - 1)));
                 }
             }
             [[unroll]] for (int r = 0; r < TILE; ++r) {
@@ -129,7 +135,8 @@ void main() {
         }
         [[unroll]] for (int i = 0; i < SLICES; ++i) {
             if (row0 + r < p.queries && lane + 8 * i < TEXELS) {
-                attn[(image * p.queries + row0 + r) * out_stride + head * TEXELS + lane + 8 * i] = o[r * SLICES + i] / denominator;
+                attn[(image * p.queries + row0 + r) * out_stride + head * TEXELS + lane + 8 * i] =
+                    o[r * SLICES + i] / denominator;
             }
         }
     }

@@ -1,11 +1,15 @@
 #version 460
-// nn/attention_fwd_coop: nn/attention_fwd by cooperative matrices, operands and weights rounded to f16, sums in f32. One
-// workgroup per (32 queries, head, image), 32 keys at a time; every query sees every key.
-//   in   q rows [B*queries, q_stride texels]   k, v rows [B*keys, kv_stride texels], head h at texel h*HEAD_DIM/4 of each part
-//   out  attn [B*queries, heads*HEAD_DIM] (=)   lse [B, heads, queries] (=), base-2 logarithm of the softmax denominators
+// nn/attention_fwd_coop: nn/attention_fwd by cooperative matrices, operands and weights rounded to f16, sums in f32.
+// One workgroup per (32 queries, head, image), 32 keys at a time; every query sees every key.
+//   in   q rows [B*queries, q_stride texels]   k, v rows [B*keys, kv_stride texels], head h at texel h*HEAD_DIM/4 of
+//     each part
+//   out  attn [B*queries, heads*HEAD_DIM] (=)   lse [B, heads, queries] (=), base-2 logarithm of the softmax
+//     denominators
 //   Running maximum (Milakov & Gimelshein 2018), no score matrix in memory. twin kernels/src/reference/nn/attention.rs
-//   Per workgroup and 32 keys of 64: 262,144 operations, 16 KiB read: 16 operations a byte of cache, which should limit it.
-//   Matrices of 16 x 16 x 16: 64 loads of 512 bytes from shared memory per 32 products of 8192 operations. 23 KiB shared.
+//   Per workgroup and 32 keys of 64: 262,144 operations, 16 KiB read: 16 operations a byte of cache, which should limit
+//     it.
+//   Matrices of 16 x 16 x 16: 64 loads of 512 bytes from shared memory per 32 products of 8192 operations. 23 KiB
+//     shared.
 #extension GL_EXT_control_flow_attributes : require
 #ifndef INTERFACE_ONLY
 #extension GL_EXT_shader_explicit_arithmetic_types_float16 : require
@@ -20,7 +24,9 @@ layout(constant_id = 1) const uint TN = 16;
 layout(constant_id = 2) const uint TK = 16;
 layout(constant_id = 3) const uint SUBGROUPS = 4;
 layout(constant_id = 4) const int HEAD_DIM = 64;
-layout(push_constant) uniform Params { int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale; } p;
+layout(push_constant) uniform Params {
+    int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale;
+} p;
 layout(set = 0, binding = 0) readonly buffer Q { vec4 q[]; };
 layout(set = 0, binding = 1) readonly buffer Kv { vec4 kv[]; };
 layout(set = 0, binding = 2) writeonly buffer Attn { vec4 attn[]; };
@@ -54,7 +60,8 @@ void soften(int id, int key0, inout float top, inout float sum) {
     vec4 high = mix(vec4(MASKED), scores[at + 1] * (p.scale * LOG2_E), before(key + 4, p.keys));
     partial[id] = max(largest(low), largest(high));
     barrier();
-    float new_top = max(top, max(max(partial[4 * row], partial[4 * row + 1]), max(partial[4 * row + 2], partial[4 * row + 3])));
+    float new_top = max(top, max(max(partial[4 * row], partial[4 * row + 1]),
+                                 max(partial[4 * row + 2], partial[4 * row + 3])));
     float fade = exp2_or_nan(top - new_top);
     top = new_top;
     low = exp2_or_nan(low - new_top);

@@ -1,15 +1,20 @@
 #version 460
 // nn/attention_fwd_tile: nn/attention_fwd for GPUs. One workgroup per (32 queries, head, image), 32 keys at a time.
-//   in   q rows [B*queries, q_stride texels]   k, v rows [B*keys, kv_stride texels], head h at texel h*HEAD_DIM/4 of each part
-//   out  attn [B*queries, heads*HEAD_DIM] (=)   lse [B, heads, queries] (=), base-2 logarithm of the softmax denominators
-//   Running maximum (Milakov & Gimelshein 2018), no score matrix in memory. CAUSAL = 1: query i sees keys 0 ..= keys - queries + i.
+//   in   q rows [B*queries, q_stride texels]   k, v rows [B*keys, kv_stride texels], head h at texel h*HEAD_DIM/4 of
+//     each part
+//   out  attn [B*queries, heads*HEAD_DIM] (=)   lse [B, heads, queries] (=), base-2 logarithm of the softmax
+//     denominators
+//   Running maximum (Milakov & Gimelshein 2018), no score matrix in memory. CAUSAL = 1: query i sees keys 0 ..= keys -
+//     queries + i.
 //   twin kernels/src/reference/nn/attention.rs   13 KiB shared; four invocations keep the maximum and the sum of a row
 #extension GL_EXT_control_flow_attributes : require
 
 layout(local_size_x = 128) in;
 layout(constant_id = 0) const int HEAD_DIM = 64;
 layout(constant_id = 1) const uint CAUSAL = 0;
-layout(push_constant) uniform Params { int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale; } p;
+layout(push_constant) uniform Params {
+    int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale;
+} p;
 layout(set = 0, binding = 0) readonly buffer Q { vec4 q[]; };
 layout(set = 0, binding = 1) readonly buffer Kv { vec4 kv[]; };
 layout(set = 0, binding = 2) writeonly buffer Attn { vec4 attn[]; };
@@ -34,7 +39,8 @@ void soften(int id, inout float top, inout float sum) {
     vec4 high = weights[at + 1];
     partial[id] = max(largest(low), largest(high));
     barrier();
-    float new_top = max(top, max(max(partial[4 * row], partial[4 * row + 1]), max(partial[4 * row + 2], partial[4 * row + 3])));
+    float new_top = max(top, max(max(partial[4 * row], partial[4 * row + 1]),
+                                 max(partial[4 * row + 2], partial[4 * row + 3])));
     float fade = exp2_or_nan(top - new_top);
     top = new_top;
     low = exp2_or_nan(low - new_top);
@@ -103,13 +109,15 @@ void main() {
         [[unroll]] for (int slice = 0; slice < SLICES; ++slice) {
             int texel = slice * SLICE + id % SLICE;
             if (row0 + row < p.queries && texel < TEXELS) {
-                attn[((image * p.queries + row0 + row) * heads + head) * TEXELS + texel] = acc[4 * slice + r] / denominator;
+                attn[((image * p.queries + row0 + row) * heads + head) * TEXELS + texel] =
+                    acc[4 * slice + r] / denominator;
             }
         }
     }
     if (id % 4 == 0 && row0 + id / 4 < p.queries) {
         float denominator = partial[id] + partial[id + 1] + partial[id + 2] + partial[id + 3];
         // Drivers may lose a NaN in log2.
-        lse[(image * heads + head) * p.queries + row0 + id / 4] = isnan(denominator) ? denominator : top + log2(denominator);
+        lse[(image * heads + head) * p.queries + row0 + id / 4] =
+            isnan(denominator) ? denominator : top + log2(denominator);
     }
 }

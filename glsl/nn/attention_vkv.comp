@@ -11,7 +11,9 @@ layout(local_size_x = 8) in;
 #include "lib/shuffle.glsl"
 layout(constant_id = 0) const int HEAD_DIM = 64;
 layout(constant_id = 1) const uint CAUSAL = 0;
-layout(push_constant) uniform Params { int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale; } p;
+layout(push_constant) uniform Params {
+    int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale;
+} p;
 TEXELS_F32(0, q_tex);
 TEXELS_F32(1, kv_tex);
 TEXELS_F32(2, v_attn_tex);
@@ -94,8 +96,10 @@ void main() {
                 bool exists = query0 + j + u < p.queries;
                 [[unroll]] for (int i = 0; i < SLICES; ++i) {
                     int texel = min(lane + 8 * i, TEXELS - 1);
-                    grad[u * SLICES + i] = texel_or_zero(exists, texel_load(v_attn_tex, g_base + query * g_stride + texel));
-                    left[u * SLICES + i] = texel_or_zero(exists, texel_load(q_tex, q_base + query * p.q_stride + texel));
+                    grad[u * SLICES + i] =
+                        texel_or_zero(exists, texel_load(v_attn_tex, g_base + query * g_stride + texel));
+                    left[u * SLICES + i] =
+                        texel_or_zero(exists, texel_load(q_tex, q_base + query * p.q_stride + texel));
                 }
             }
             [[unroll]] for (int r = 0; r < TILE; ++r) {

@@ -1,12 +1,16 @@
 #version 460
-// nn/attention_vkv_coop: nn/attention_vkv by cooperative matrices, operands, weights and slopes rounded to f16, v_attn with the
-// scale of the tiles so far, sums in f32. One workgroup per (32 keys, head, image), 32 queries at a time; no mask.
+// nn/attention_vkv_coop: nn/attention_vkv by cooperative matrices, operands, weights and slopes rounded to f16, v_attn
+// with the scale of the tiles so far, sums in f32. One workgroup per (32 keys, head, image), 32 queries at a time; no
+// mask.
 //   in   q, k, v and lse as in attention_fwd   v_attn [B*queries, heads*HEAD_DIM]   delta [B, heads, queries]
 //   out  v_kv rows [B*keys, kv_stride texels] (=), the key and value parts only
-//   v_v = P^T*v_attn, v_k = scale * dS^T*Q (Dao et al. 2022, algorithm 4); rows of a tile are keys here, columns are queries.
+//   v_v = P^T*v_attn, v_k = scale * dS^T*Q (Dao et al. 2022, algorithm 4); rows of a tile are keys here, columns are
+//     queries.
 //   twin kernels/src/reference/nn/attention.rs
-//   Per workgroup and 32 queries of 64: 524,288 operations, 16 KiB read: 32 operations a byte of cache, which should limit it.
-//   Matrices of 16 x 16 x 16: 128 loads of 512 bytes from shared memory per 64 products of 8192 operations. 30 KiB shared.
+//   Per workgroup and 32 queries of 64: 524,288 operations, 16 KiB read: 32 operations a byte of cache, which should
+//     limit it.
+//   Matrices of 16 x 16 x 16: 128 loads of 512 bytes from shared memory per 64 products of 8192 operations. 30 KiB
+//     shared.
 #extension GL_EXT_control_flow_attributes : require
 #ifndef INTERFACE_ONLY
 #extension GL_EXT_shader_explicit_arithmetic_types_float16 : require
@@ -21,7 +25,9 @@ layout(constant_id = 1) const uint TN = 16;
 layout(constant_id = 2) const uint TK = 16;
 layout(constant_id = 3) const uint SUBGROUPS = 4;
 layout(constant_id = 4) const int HEAD_DIM = 64;
-layout(push_constant) uniform Params { int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale; } p;
+layout(push_constant) uniform Params {
+    int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale;
+} p;
 layout(set = 0, binding = 0) readonly buffer Q { vec4 q[]; };
 layout(set = 0, binding = 1) readonly buffer Kv { vec4 kv[]; };
 layout(set = 0, binding = 2) readonly buffer VAttn { vec4 v_attn[]; };
@@ -53,7 +59,8 @@ void tell_fetched(vec4 next[FETCHES]) {
     tell_block_scale(bits);
 }
 
-// Four weights of a key and their slopes, from scores and products with the gradient; zero from the first query on that is none.
+// Four weights of a key and their slopes, from scores and products with the gradient; zero from the first query on that
+// is none.
 void weigh(int at, int query, int stat, float scale, out vec4 weight, out vec4 slope) {
     [[unroll]] for (int c = 0; c < 4; ++c) {
         int own = stat + min(query + c, p.queries - 1);

@@ -2,14 +2,17 @@
 // nn/attention_vkv_tile: nn/attention_vkv for GPUs. One workgroup per (32 keys, head, image), 32 queries at a time.
 //   in   q, k, v and lse as in attention_fwd   v_attn [B*queries, heads*HEAD_DIM]   delta [B, heads, queries]
 //   out  v_kv rows [B*keys, kv_stride texels] (=), the key and value parts only
-//   v_v = P^T*v_attn, v_k = scale * dS^T*Q, one after the other through the same shared memory (Dao et al. 2022, algorithm 4).
+//   v_v = P^T*v_attn, v_k = scale * dS^T*Q, one after the other through the same shared memory (Dao et al. 2022,
+//     algorithm 4).
 //   twin kernels/src/reference/nn/attention.rs   14.5 KiB shared; rows of a tile are keys here, columns are queries
 #extension GL_EXT_control_flow_attributes : require
 
 layout(local_size_x = 128) in;
 layout(constant_id = 0) const int HEAD_DIM = 64;
 layout(constant_id = 1) const uint CAUSAL = 0;
-layout(push_constant) uniform Params { int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale; } p;
+layout(push_constant) uniform Params {
+    int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale;
+} p;
 layout(set = 0, binding = 0) readonly buffer Q { vec4 q[]; };
 layout(set = 0, binding = 1) readonly buffer Kv { vec4 kv[]; };
 layout(set = 0, binding = 2) readonly buffer VAttn { vec4 v_attn[]; };

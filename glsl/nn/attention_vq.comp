@@ -1,5 +1,6 @@
 #version 460
-// nn/attention_vq: gradient of attention_fwd to the queries; probabilities are recomputed from lse (Dao et al. 2022, algorithm 4).
+// nn/attention_vq: gradient of attention_fwd to the queries; probabilities are recomputed from lse (Dao et al. 2022,
+// algorithm 4).
 //   in   q, k, v and lse as in attention_fwd   v_attn [B*queries, heads*HEAD_DIM]   delta [B, heads, queries]
 //   out  v_q rows [B*queries, q_stride texels] (=), the query part only
 //   One subgroup of eight lanes per (16 queries, head, image). dS = P*(v_attn.V - delta), v_q = scale * dS*K.
@@ -11,7 +12,9 @@ layout(local_size_x = 8) in;
 #include "lib/shuffle.glsl"
 layout(constant_id = 0) const int HEAD_DIM = 64;
 layout(constant_id = 1) const uint CAUSAL = 0;
-layout(push_constant) uniform Params { int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale; } p;
+layout(push_constant) uniform Params {
+    int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale;
+} p;
 TEXELS_F32(0, q_tex);
 TEXELS_F32(1, kv_tex);
 TEXELS_F32(2, v_attn_tex);
@@ -92,7 +95,8 @@ void main() {
                 int k_row = k_base + min(key0 + j + u, p.keys - 1) * p.kv_stride;
                 bool exists = key0 + j + u < p.keys;
                 [[unroll]] for (int i = 0; i < SLICES; ++i) {
-                    key[u * SLICES + i] = texel_or_zero(exists, texel_load(kv_tex, k_row + min(lane + 8 * i, TEXELS - 1)));
+                    key[u * SLICES + i] =
+                        texel_or_zero(exists, texel_load(kv_tex, k_row + min(lane + 8 * i, TEXELS - 1)));
                 }
             }
             [[unroll]] for (int r = 0; r < TILE; ++r) {

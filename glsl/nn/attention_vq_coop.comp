@@ -1,11 +1,15 @@
 #version 460
-// nn/attention_vq_coop: nn/attention_vq by cooperative matrices, operands, weights and slopes rounded to f16, v_attn with the
-// scale of its tile, sums in f32. One workgroup per (32 queries, head, image), 32 keys at a time; every query sees every key.
+// nn/attention_vq_coop: nn/attention_vq by cooperative matrices, operands, weights and slopes rounded to f16, v_attn
+// with the scale of its tile, sums in f32. One workgroup per (32 queries, head, image), 32 keys at a time; every query
+// sees every key.
 //   in   q, k, v and lse as in attention_fwd   v_attn [B*queries, heads*HEAD_DIM]   delta [B, heads, queries]
 //   out  v_q rows [B*queries, q_stride texels] (=), the query part only
-//   dS = P*(v_attn.V - delta), v_q = scale * dS*K (Dao et al. 2022, algorithm 4). twin kernels/src/reference/nn/attention.rs
-//   Per workgroup and 32 keys of 64: 393,216 operations, 16 KiB read: 24 operations a byte of cache, which should limit it.
-//   Matrices of 16 x 16 x 16: 96 loads of 512 bytes from shared memory per 48 products of 8192 operations. 30 KiB shared.
+//   dS = P*(v_attn.V - delta), v_q = scale * dS*K (Dao et al. 2022, algorithm 4). twin
+//     kernels/src/reference/nn/attention.rs
+//   Per workgroup and 32 keys of 64: 393,216 operations, 16 KiB read: 24 operations a byte of cache, which should limit
+//     it.
+//   Matrices of 16 x 16 x 16: 96 loads of 512 bytes from shared memory per 48 products of 8192 operations. 30 KiB
+//     shared.
 #extension GL_EXT_control_flow_attributes : require
 #ifndef INTERFACE_ONLY
 #extension GL_EXT_shader_explicit_arithmetic_types_float16 : require
@@ -20,7 +24,9 @@ layout(constant_id = 1) const uint TN = 16;
 layout(constant_id = 2) const uint TK = 16;
 layout(constant_id = 3) const uint SUBGROUPS = 4;
 layout(constant_id = 4) const int HEAD_DIM = 64;
-layout(push_constant) uniform Params { int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale; } p;
+layout(push_constant) uniform Params {
+    int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale;
+} p;
 layout(set = 0, binding = 0) readonly buffer Q { vec4 q[]; };
 layout(set = 0, binding = 1) readonly buffer Kv { vec4 kv[]; };
 layout(set = 0, binding = 2) readonly buffer VAttn { vec4 v_attn[]; };

@@ -9,7 +9,9 @@
 layout(local_size_x = 128) in;
 layout(constant_id = 0) const int HEAD_DIM = 64;
 layout(constant_id = 1) const uint CAUSAL = 0;
-layout(push_constant) uniform Params { int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale; } p;
+layout(push_constant) uniform Params {
+    int queries; int keys; int q_stride; int kv_stride; int k_offset; int v_offset; float scale;
+} p;
 layout(set = 0, binding = 0) readonly buffer Q { vec4 q[]; };
 layout(set = 0, binding = 1) readonly buffer Kv { vec4 kv[]; };
 layout(set = 0, binding = 2) readonly buffer VAttn { vec4 v_attn[]; };

@@ -2,9 +2,12 @@
 // nn/conv3d_bwd_coop: nn/conv3d_bwd by cooperative matrices, operands rounded to f16 with a common scale, sums in f32.
 //   in   v_y [F,H,W,Co]   weight_t [27,Co/4,Ci,4]   gate [F,H,W,Ci], read with GATE only
 //   out  v_x [F,H,W,Ci] (=), with GATE zero where gate <= 0: the derivative of the ReLU that made the input
-//   twin kernels/src/reference/nn/conv3d.rs on rounded operands   groups: x = 32-pixel spans, y = 8 rows, z = frame, 16 inputs
-//   As conv3d_fwd_coop with the taps of a frame in reverse. What padding read at a border is added where it came from: along
-//   frames in more stages, along rows by more products of whole rows, along columns, which are single rows of a matrix, by
+//   twin kernels/src/reference/nn/conv3d.rs on rounded operands   groups: x = 32-pixel spans, y = 8 rows, z = frame, 16
+//     inputs
+//   As conv3d_fwd_coop with the taps of a frame in reverse. What padding read at a border is added where it came from:
+//     along
+//   frames in more stages, along rows by more products of whole rows, along columns, which are single rows of a matrix,
+//     by
 //   plain sums: 2 x 8 pixels x 16 channels of 48 products each, 2 % of a tile's, in tiles that have such a column.
 //   Operations, bytes and limit as there; 28 KiB shared.
 #extension GL_EXT_control_flow_attributes : require
@@ -192,7 +195,8 @@ void main() {
     } while (++s < stages);
     folded_columns[id] = folded[0];
     folded_columns[FOLD + id] = folded[1];
-    // The layout of a matrix in registers is the device's secret: the gate and the borders meet it through shared memory.
+    // The layout of a matrix in registers is the device's secret: the gate and the borders meet it through shared
+    // memory.
     uint patch0 = gl_SubgroupID * TM * TN;
     [[unroll]] for (uint i = 0; i < ROWS * COLUMN_BLOCKS; ++i) {
         coopMatStore(acc[i], patch_of_subgroup, patch0, TN, gl_CooperativeMatrixLayoutRowMajor);

@@ -3,7 +3,8 @@
 //   in   v_y [F,H,W,Co]   weight_t [27,Co/4,Ci,4]   gate [F,H,W,Ci], read with GATE only
 //   out  v_x [F,H,W,Ci] (=), with GATE zero where gate <= 0: the derivative of the ReLU that made the input
 //   twin kernels/src/reference/nn/conv3d.rs   groups: x = 32-pixel spans, y = 16 rows, z = frame, input block
-//   Padding reads one pixel of an axis, its fold target, from outside too; the adjoint then adds, at the outer taps of that
+//   Padding reads one pixel of an axis, its fold target, from outside too; the adjoint then adds, at the outer taps of
+//     that
 //   pixel, the gradient of the border pixel, which lies in the same halo. Along frames it is one more stage instead.
 #extension GL_EXT_control_flow_attributes : require
 layout(local_size_x = 128) in;

@@ -3,7 +3,8 @@
 //   in   x [F,H,W,Ci]   v_y [F,H,W,Co]
 //   out  partial [chunks, 27*(Ci/4)*Co, 4] (=) in weight order, with BIAS Co more behind each
 //   twin kernels/src/reference/nn/conv3d.rs   groups: x = chunk, y = frame tap, z = input texel, output block
-//   An invocation owns the 4 x 4 weights of one of nine taps and one output texel; 128/(9*OUT_BLOCK4) of them share these
+//   An invocation owns the 4 x 4 weights of one of nine taps and one output texel; 128/(9*OUT_BLOCK4) of them share
+//     these
 //   and every so many pixels, and are added in a fixed order. Per pixel: two vec4 from shared memory, 16 multiply-adds.
 #extension GL_EXT_control_flow_attributes : require
 layout(local_size_x = 128) in;

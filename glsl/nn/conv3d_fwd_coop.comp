@@ -2,10 +2,14 @@
 // nn/conv3d_fwd_coop: nn/conv3d_fwd by cooperative matrices, operands rounded to f16, sums in f32; implicit GEMM.
 //   in   x [F,H,W,Ci]   weight [27,Ci/4,Co,4] and, with BIAS, [Co] behind it
 //   out  y [F,H,W,Co] (=), max(0, y) with RELU
-//   twin kernels/src/reference/nn/conv3d.rs on rounded operands   groups: x = 32-pixel spans, y = 8 rows, z = frame, 16 outputs
-//   Per workgroup and 16 -> 16 channels: 3.5 million operations; 3 x (21.3 KiB of pixels + 9 KiB of weights) read, 16 KiB
-//   written: 33 operations a byte of cache, 108 of memory. Matrices of 16 x 16 x 16: 27 loads of 512 bytes from shared memory
-//   per 36 products of 8192 operations. So the cache is what should limit it. Four channels take 16 of K for three taps,
+//   twin kernels/src/reference/nn/conv3d.rs on rounded operands   groups: x = 32-pixel spans, y = 8 rows, z = frame, 16
+//     outputs
+//   Per workgroup and 16 -> 16 channels: 3.5 million operations; 3 x (21.3 KiB of pixels + 9 KiB of weights) read, 16
+//     KiB
+//   written: 33 operations a byte of cache, 108 of memory. Matrices of 16 x 16 x 16: 27 loads of 512 bytes from shared
+//     memory
+//   per 36 products of 8192 operations. So the cache is what should limit it. Four channels take 16 of K for three
+//     taps,
 //   four outputs a quarter of N. 27 KiB shared.
 #extension GL_EXT_control_flow_attributes : require
 #ifndef INTERFACE_ONLY
@@ -100,7 +104,8 @@ void main() {
         }
         barrier();
     } while (++s < 3 * STAGES_PER_FRAME);
-    // The layout of a matrix in registers is the device's secret: the bias and the borders meet it through shared memory.
+    // The layout of a matrix in registers is the device's secret: the bias and the borders meet it through shared
+    // memory.
     uint patch0 = gl_SubgroupID * TM * TN;
     [[unroll]] for (uint i = 0; i < ROWS * COLUMN_BLOCKS; ++i) {
         coopMatStore(acc[i], patch_of_subgroup, patch0, TN, gl_CooperativeMatrixLayoutRowMajor);

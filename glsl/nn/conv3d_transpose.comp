@@ -18,5 +18,6 @@ void main() {
     uint co = i % texels / p.in_channels * 4;
     uint ci = i % p.in_channels;
     uint at = ((tap * p.in_channels / 4 + ci / 4) * p.out_channels + co) * 4 + ci % 4;
-    weight_t[i] = vec4(texel_pick(weight, at), texel_pick(weight, at + 4), texel_pick(weight, at + 8), texel_pick(weight, at + 12));
+    weight_t[i] = vec4(texel_pick(weight, at), texel_pick(weight, at + 4), texel_pick(weight, at + 8),
+                       texel_pick(weight, at + 12));
 }

@@ -19,6 +19,7 @@ void main() {
         uint row = i / texels;
         uint t = i % texels;
         uint id = min(texel_pick(ids, row), p.vocab - 1u);
-        y[i] = texel_load(table_tex, int(id * texels + t)) + texel_load(position_tex, int((row % p.tokens) * texels + t));
+        y[i] = texel_load(table_tex, int(id * texels + t)) +
+               texel_load(position_tex, int((row % p.tokens) * texels + t));
     }
 }

@@ -1,6 +1,7 @@
 #version 460
 // nn/layer_norm_bwd: gradient of layer_norm_fwd to its input; gamma and beta are constants. One invocation per row.
-//   in   x [.., width] (rows row_offset + i*row_step)   gamma [width]   v_y [rows, width]   v_residual like v_x, read if ADD = 1
+//   in   x [.., width] (rows row_offset + i*row_step)   gamma [width]   v_y [rows, width]   v_residual like v_x, read
+//     if ADD = 1
 //   out  v_x [.., width] (=), only the rows named above
 //   g = v_y*gamma:  v_x = rstd * (g - mean(g) - x_hat*mean(g*x_hat)) + v_residual
 //   twin kernels/src/reference/nn/layer_norm.rs

@@ -1,10 +1,14 @@
 #version 460
-// nn/matmul_fwd_coop: nn/matmul_fwd by cooperative matrices, operands rounded to f16, sums in f32. One workgroup per 64 x 64 tile.
+// nn/matmul_fwd_coop: nn/matmul_fwd by cooperative matrices, operands rounded to f16, sums in f32. One workgroup per 64
+// x 64 tile.
 //   in   a [m, k]   w in f16, packed by nn/pack [n/8][k/4][8] uvec2   bias [n]   aux [m, n], read if MODE > 0
 //   out  c [m, n] (=), epilogue(f16(A)*W^T + bias)
-//   twin kernels/src/reference/nn/matmul.rs on rounded operands   the device orders the sums over one panel's k, not the panels
-//   Panels of 32 k lie in shared memory, rows 40 halves apart: a multiple of 16 bytes, as cooperative loads want, and off the
-//   banks of the row before. Each of SUBGROUPS subgroups owns a block of the tile's TM x TN matrices; ROW_BLOCKS of them lie
+//   twin kernels/src/reference/nn/matmul.rs on rounded operands   the device orders the sums over one panel's k, not
+//     the panels
+//   Panels of 32 k lie in shared memory, rows 40 halves apart: a multiple of 16 bytes, as cooperative loads want, and
+//     off the
+//   banks of the row before. Each of SUBGROUPS subgroups owns a block of the tile's TM x TN matrices; ROW_BLOCKS of
+//     them lie
 //   below each other. The next panel is fetched before this one is multiplied. 14 KiB shared.
 //   SCALED = 1: A is a gradient, and rounded with a scale that the tile's panels have in common.
 #extension GL_EXT_control_flow_attributes : require

@@ -5,7 +5,8 @@
 //        WINDOWS: a holds images, whose windows are the rows of A (lib/windows)
 //   out  c [m, n] (=), epilogue(A*W^T + bias)
 //   twin kernels/src/reference/nn/matmul.rs   sums run over k in order, so the result is deterministic
-//   An invocation fetches 4 x 4 blocks of A and W and transposes them in registers on their way to shared memory. The next
+//   An invocation fetches 4 x 4 blocks of A and W and transposes them in registers on their way to shared memory. The
+//     next
 //   blocks are fetched before this panel is multiplied, so that their latency hides behind 1024*ROWS/8 multiply-adds.
 #extension GL_EXT_control_flow_attributes : require
 

@@ -3,7 +3,8 @@
 //   in   v_c [m, n]   a [m, k]
 //   out  v_w [n, k] (=), v_c^T * A
 //   twin kernels/src/reference/nn/matmul.rs   sums run over m in order, so the result is deterministic
-//   Rows of both operands are panels as they lie, so neither is transposed or packed first. Loads as in nn/matmul_fwd_tile.
+//   Rows of both operands are panels as they lie, so neither is transposed or packed first. Loads as in
+//     nn/matmul_fwd_tile.
 #extension GL_EXT_control_flow_attributes : require
 
 layout(local_size_x = 128) in;

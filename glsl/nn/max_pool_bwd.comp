@@ -1,6 +1,8 @@
 #version 460
-// nn/max_pool_bwd: gradient of max_pool_fwd; a window's gradient goes to its largest value. One invocation per texel of x.
-//   in   x [F, height, width, 4*channels4], frames beyond those of v_y are not read   v_y [F, out_height, out_width, 4*channels4]
+// nn/max_pool_bwd: gradient of max_pool_fwd; a window's gradient goes to its largest value. One invocation per texel of
+// x.
+//   in   x [F, height, width, 4*channels4], frames beyond those of v_y are not read   v_y [F, out_height, out_width,
+//     4*channels4]
 //   out  v_x [F, height, width, 4*channels4] (=), zero where no window's largest value is
 //   twin kernels/src/reference/nn/max_pool.rs   the windows over a pixel are visited in order: no atomics
 #extension GL_EXT_control_flow_attributes : require

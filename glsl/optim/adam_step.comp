@@ -12,7 +12,9 @@ layout(local_size_x = 64) in;
 #include "lib/texels.glsl"
 layout(constant_id = 0) const uint ROW = 1;
 layout(constant_id = 1) const uint HEAD = 1;
-layout(push_constant) uniform Params { uint texels, first_row; float lr, lr_tail, beta1, beta2, eps, bias1, bias2, keep, bound; } p;
+layout(push_constant) uniform Params {
+    uint texels, first_row; float lr, lr_tail, beta1, beta2, eps, bias1, bias2, keep, bound;
+} p;
 TEXELS_F32(0, param_before);
 TEXELS_F32(1, exp_avg_before);
 TEXELS_F32(2, exp_avg_sq_before);

@@ -1,6 +1,7 @@
 #version 460
 // scan/prefix_sum_apply: exclusive sum in place, from each chunk's start value. Last of three passes.
-//   in   starts [lanes, padded to 4]   before [n, padded to 4], the same memory as data: a lane reads a texel, then writes it
+//   in   starts [lanes, padded to 4]   before [n, padded to 4], the same memory as data: a lane reads a texel, then
+//     writes it
 //   out  data [n, padded to 4] (=), element n receives the total
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"

@@ -1,6 +1,7 @@
 #version 460
 // scan/prefix_sum_spine: exclusive sum of the chunk sums, in place, by one lane. Second of three passes.
-//   in   before [lanes], the same memory as sums: a texel is read, then written   out  sums [lanes] (=), lanes a multiple of 4
+//   in   before [lanes], the same memory as sums: a texel is read, then written   out  sums [lanes] (=), lanes a
+//     multiple of 4
 layout(local_size_x = 8) in;
 #include "lib/texels.glsl"
 layout(push_constant) uniform Params { uint lanes; } p;

@@ -2,7 +2,8 @@
 // scan/radix_sort_count: digit counts of each lane's contiguous chunk, for a stable least-significant-digit sort.
 //   in   keys [n, padded to 4]
 //   out  table [BINS,lanes] (=) counts
-//   Counters are private: a processor's driver reads them eight at a time, but a storage buffer one lane after the other.
+//   Counters are private: a processor's driver reads them eight at a time, but a storage buffer one lane after the
+//     other.
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"

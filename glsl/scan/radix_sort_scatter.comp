@@ -1,5 +1,6 @@
 #version 460
-// scan/radix_sort_scatter: moves each pair to its place for one digit; lanes walk their chunks in order, so it is stable.
+// scan/radix_sort_scatter: moves each pair to its place for one digit; lanes walk their chunks in order, so it is
+// stable.
 //   in   keys, values [n, padded to 4]
 //        table [BINS,lanes] exclusive sum of the counts: where each lane puts its first key of each digit
 //   out  sorted_keys, sorted_values [n] (=)

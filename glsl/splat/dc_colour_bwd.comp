@@ -1,6 +1,7 @@
 #version 460
 // splat/dc_colour_bwd: gradient of the DC offsets from the gradient of the colours. One invocation per visible splat.
-//   in   base [V,4] unmarked colour before the clamp   offsets [N,4] of the DC term   splat_from_visible [V]   v_colours [V,4]
+//   in   base [V,4] unmarked colour before the clamp   offsets [N,4] of the DC term   splat_from_visible [V]
+//     v_colours [V,4]
 //   in   v_before: v_offsets as texels
 //   out  v_offsets [N,4] += Y_0 v_colour, per channel zero where the colour before the clamp is < 0
 #extension GL_EXT_control_flow_attributes : require

@@ -1,5 +1,6 @@
 #version 460
-// splat/dc_colour_fwd: colour of each visible splat from what does not depend on DC offsets. One invocation per visible splat.
+// splat/dc_colour_fwd: colour of each visible splat from what does not depend on DC offsets. One invocation per visible
+// splat.
 //   in   base [V,4] unmarked colour before the clamp   offsets [N,4] of the DC term   splat_from_visible [V]
 //   out  colours [V,4] = max(0, base + Y_0 delta), NaN stays, 4th channel 0 (=)
 //   HAS_OFFSETS: 0 leaves them out

@@ -1,5 +1,6 @@
 #version 460
-// splat/deform_apply: adds the deformation heads to the raw splats, Wu et al. 2024 (4DGaussians). One invocation per splat.
+// splat/deform_apply: adds the deformation heads to the raw splats, Wu et al. 2024 (4DGaussians). One invocation per
+// splat.
 //   in   means [N,4] = xyz, opacity logit   scales [N,4] log   quats [N,4] wxyz
 //        heads [N,4*head_texels] = dx, do | ds, 0 | dr | dsh [16,3] when present; an unused head is zero
 //   out  deformed_means, deformed_scales, deformed_quats [N,4] (=)

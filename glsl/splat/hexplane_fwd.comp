@@ -1,5 +1,6 @@
 #version 460
-// splat/hexplane_fwd: HexPlane features of canonical positions at one time, Cao & Johnson 2023. One invocation per splat.
+// splat/hexplane_fwd: HexPlane features of canonical positions at one time, Cao & Johnson 2023. One invocation per
+// splat.
 //   in   means [N,4]   planes = every plane [R_b,R_a,C4] one after another
 //        plane_shapes [L,6,4] = first texel, R_a, R_b, 0, pairs in the order xy xz xt yz yt zt
 //   out  features [N, L*C4] = per level the product over planes of the bilinear sample (=)

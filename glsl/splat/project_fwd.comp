@@ -1,5 +1,6 @@
 #version 460
-// splat/project_fwd: EWA splatting, Zwicker et al. 2001, with the cutoffs of Kerbl et al. 2023. One invocation per splat.
+// splat/project_fwd: EWA splatting, Zwicker et al. 2001, with the cutoffs of Kerbl et al. 2023. One invocation per
+// splat.
 //   in   means [N,4] = xyz, opacity logit   scales [N,4] log, whether quats keep their norm   quats [N,4] wxyz
 //   out  geom [N,8] = mean2d.xy px, conic.ab | conic.c, opacity, depth, 0, conic times -log2(e)/2, b doubled (=)
 //        dirs [N,4] unit vector camera -> mean (=)   tile_rects [N,4] 8x8 tiles x0 y0 x1 y1, empty = culled (=)
@@ -63,7 +64,8 @@ void main() {
     uint i = global_index();
     if (i >= p.n) return;
     vec4 mean = texel_load(means, int(i));
-    mat3 rotation = mat3(p.view_00, p.view_10, p.view_20, p.view_01, p.view_11, p.view_21, p.view_02, p.view_12, p.view_22);
+    mat3 rotation = mat3(p.view_00, p.view_10, p.view_20, p.view_01, p.view_11, p.view_21,
+                         p.view_02, p.view_12, p.view_22);
     vec3 shift = vec3(p.view_03, p.view_13, p.view_23);
     vec3 view = rotation * mean.xyz + shift;
     vec3 row_x, row_y;

@@ -1,10 +1,12 @@
 #version 460
 // splat/rasterize_bwd: dL/d(colour) of each (tile, splat) pair, the front-to-back traversal of rasterize_fwd.
-//   in   geom [V,8]   tile_offsets [tiles+1]   tile_order [tiles] active ones first   splat_from_isect, slot_from_isect [I, padded by 8]
+//   in   geom [V,8]   tile_offsets [tiles+1]   tile_order [tiles] active ones first   splat_from_isect, slot_from_isect
+//     [I, padded by 8]
 //        v_image [..,H,W,4] = dL/d(image), 4th channel unread, from pixel `in_offset` on
 //   out  v_slots [I,4] = sum over the tile's pixels of weight * v_image (=), at the pair's slot
 //   eq   v_colour = sum_p alpha_p T_p v_image_p; geometry and opacity are constants
-//   every pair takes all pixels of its tile, with weight 0 where it is skipped: a v_image that is not finite makes those NaN
+//   every pair takes all pixels of its tile, with weight 0 where it is skipped: a v_image that is not finite makes
+//     those NaN
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 layout(local_size_x = 8) in;

@@ -1,12 +1,17 @@
 #version 460
-// splat/rasterize_bwd_tile: splat/rasterize_bwd for GPUs, dL/d(colour) of each (tile, splat) pair. One workgroup per 8x8 tile.
-//   in   geom [V,8]   tile_offsets [tiles+1]   tile_order [tiles] active ones first   splat_from_isect, slot_from_isect [I]
+// splat/rasterize_bwd_tile: splat/rasterize_bwd for GPUs, dL/d(colour) of each (tile, splat) pair. One workgroup per
+// 8x8 tile.
+//   in   geom [V,8]   tile_offsets [tiles+1]   tile_order [tiles] active ones first   splat_from_isect, slot_from_isect
+//     [I]
 //        v_image [..,H,W,4] = dL/d(image), 4th channel unread, from pixel `in_offset` on
 //   out  v_slots [I,4] = sum over the tile's pixels of weight * v_image (=), at the pair's slot
 //   eq   v_colour = sum_p alpha_p T_p v_image_p; geometry and opacity are constants
-//   By batches of 32 splats: first an invocation is a pixel and leaves its weights of all splats in shared memory, then it is
-//   a splat and half of the tile's pixels and adds them up. No atomics, so the order of every sum is fixed. 11 KiB shared.
-//   every pair takes all pixels of its tile, with weight 0 where it is skipped: a v_image that is not finite makes those NaN
+//   By batches of 32 splats: first an invocation is a pixel and leaves its weights of all splats in shared memory, then
+//     it is
+//   a splat and half of the tile's pixels and adds them up. No atomics, so the order of every sum is fixed. 11 KiB
+//     shared.
+//   every pair takes all pixels of its tile, with weight 0 where it is skipped: a v_image that is not finite makes
+//     those NaN
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "lib/raster.glsl"

@@ -1,5 +1,6 @@
 #version 460
-// splat/rasterize_clear: tiles that no splat reaches show the background. One workgroup per 8x8 tile, one lane per column.
+// splat/rasterize_clear: tiles that no splat reaches show the background. One workgroup per 8x8 tile, one lane per
+// column.
 //   in   tile_order [tiles] the ones to clear from `num_active` on
 //   out  image [..,H,W,4] = background, transmittance 1 (=), from pixel `out_offset` on
 #extension GL_EXT_control_flow_attributes : require

@@ -1,9 +1,11 @@
 #version 460
 // splat/rasterize_fwd: front-to-back blending, Kerbl et al. 2023. One workgroup per 8x8 tile, one lane per column.
-//   in   geom [V,8] = mean2d.xy, conic.ab | conic.c, opacity, depth, -   colours [V,4]   tile_offsets [tiles+1]   tile_order [tiles] active ones first
+//   in   geom [V,8] = mean2d.xy, conic.ab | conic.c, opacity, depth, -   colours [V,4]   tile_offsets [tiles+1]
+//     tile_order [tiles] active ones first
 //        splat_from_isect [I, padded by 8] front to back inside a tile
 //   out  image [..,H,W,4] = rgb over the background, final transmittance (=), from pixel `out_offset` on
-//   a splat meets all pixels of its tiles, with weight 0 where it is skipped: a colour that is not finite makes those NaN
+//   a splat meets all pixels of its tiles, with weight 0 where it is skipped: a colour that is not finite makes those
+//     NaN
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 layout(local_size_x = 8) in;

@@ -1,10 +1,13 @@
 #version 460
 // splat/rasterize_fwd_tile: splat/rasterize_fwd for GPUs. One workgroup per 8x8 tile, one invocation per pixel.
-//   in   geom [V,8] = mean2d.xy, conic.ab | conic.c, opacity, depth, -   colours [V,4]   tile_offsets [tiles+1]   tile_order [tiles] active ones first
+//   in   geom [V,8] = mean2d.xy, conic.ab | conic.c, opacity, depth, -   colours [V,4]   tile_offsets [tiles+1]
+//     tile_order [tiles] active ones first
 //        splat_from_isect [I] front to back inside a tile
 //   out  image [..,H,W,4] = rgb over the background, final transmittance (=), from pixel `out_offset` on
-//   Splats come in batches of 64 through 2.5 KiB of shared memory; a tile ends with the batch in which its last pixel stops.
-//   a splat meets all pixels of its tiles, with weight 0 where it is skipped: a colour that is not finite makes those NaN
+//   Splats come in batches of 64 through 2.5 KiB of shared memory; a tile ends with the batch in which its last pixel
+//     stops.
+//   a splat meets all pixels of its tiles, with weight 0 where it is skipped: a colour that is not finite makes those
+//     NaN
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "lib/raster.glsl"

@@ -28,7 +28,8 @@ void main() {
     uint end = valid ? texel_pick(slot_ranges, 2u * splat + 1u) : 0u;
     vec3 sum = vec3(0.0);
 #ifdef TILES
-    // Asks first: of invocations that leave a bottom-tested loop before others, SwiftShader loses what they loaded last.
+    // Asks first: of invocations that leave a bottom-tested loop before others, SwiftShader loses what they loaded
+    // last.
     while (at < end) add_four(sum, at, end);
 #else
     // Asks last: a top-tested loop runs one turn more on lavapipe, masked.

@@ -1,6 +1,7 @@
 #version 460
 // splat/rasterize_visit: which (tile, splat) pairs reach a pixel that has not stopped, for pruning a plan.
-//   in   geom [N,8]   tile_offsets [tiles+1]   tile_order [tiles] active ones first   slot_from_isect [I, padded by 8]   splat_from_slot [I]
+//   in   geom [N,8]   tile_offsets [tiles+1]   tile_order [tiles] active ones first   slot_from_isect [I, padded by 8]
+//     splat_from_slot [I]
 //   out  kept_isect, kept_slot [I] = 1 when some pixel of the tile takes alpha > 0 or stops there, else 0 (=)
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require

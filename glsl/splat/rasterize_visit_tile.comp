@@ -1,6 +1,7 @@
 #version 460
 // splat/rasterize_visit_tile: splat/rasterize_visit for GPUs. One workgroup per 8x8 tile, one invocation per pixel.
-//   in   geom [N,8]   tile_offsets [tiles+1]   tile_order [tiles] active ones first   slot_from_isect [I]   splat_from_slot [I]
+//   in   geom [N,8]   tile_offsets [tiles+1]   tile_order [tiles] active ones first   slot_from_isect [I]
+//     splat_from_slot [I]
 //   out  kept_isect, kept_slot [I] = 1 when some pixel of the tile takes alpha > 0 or stops there, else 0 (=)
 //   Splats come in batches of 64 through 2.25 KiB of shared memory.
 #extension GL_EXT_control_flow_attributes : require

@@ -44,8 +44,10 @@ void main() {
     } else {
         [[unroll]] for (int q = 0; q < 12; ++q) {
             vec4 add;
-            [[unroll]] for (int c = 0; c < 4; ++c) add[c] = 4 * q + c < 3 * int(sh_bases(DEGREE)) ? y[(4 * q + c) / 3] * v[(4 * q + c) % 3] : 0.0;
-            if (q < int(sh_texels(DEGREE))) v_offsets[offset_row + uint(q)] = texel_load(v_before, int(offset_row) + q) + add;
+            [[unroll]] for (int c = 0; c < 4; ++c)
+                add[c] = 4 * q + c < 3 * int(sh_bases(DEGREE)) ? y[(4 * q + c) / 3] * v[(4 * q + c) % 3] : 0.0;
+            if (q < int(sh_texels(DEGREE)))
+                v_offsets[offset_row + uint(q)] = texel_load(v_before, int(offset_row) + q) + add;
         }
     }
 }

@@ -1,5 +1,6 @@
 #version 460
-// splat/tile_bin_count: 8x8 tiles that each splat can reach, in depth order. One invocation per (rank, band of tile rows).
+// splat/tile_bin_count: 8x8 tiles that each splat can reach, in depth order. One invocation per (rank, band of tile
+// rows).
 //   in   geom [N,8]   tile_rects [N,4]   order [N] splat of each depth rank
 //   out  counts [N*bands] (=)
 #extension GL_GOOGLE_include_directive : require

@@ -1,6 +1,7 @@
 #version 460
 // splat/tile_bin_keep: which splats keep at least one pair. One invocation per depth rank.
-//   in   order [N] splat of each rank   slot_offsets [N*bands+1]   kept_slots [I+1] exclusive sum of the kept flags by slot
+//   in   order [N] splat of each rank   slot_offsets [N*bands+1]   kept_slots [I+1] exclusive sum of the kept flags by
+//     slot
 //   out  visible [N] 1 or 0 (=)
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"

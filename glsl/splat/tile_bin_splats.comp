@@ -2,7 +2,8 @@
 // splat/tile_bin_splats: gathers the visible splats in the order of the scene. One invocation per depth rank.
 //   in   geom [N,8]   dirs [N,4]   order [N]   visible [N+1] exclusive sum of the flags by splat
 //        slot_offsets [N*bands+1]   kept_slots [I+1] exclusive sum of the kept flags by slot
-//   out  visible_geom [V,8] (=)   visible_dirs [V,4] (=)   splat_from_visible [V] (=)   slot_ranges [V,2] first, end (=)
+//   out  visible_geom [V,8] (=)   visible_dirs [V,4] (=)   splat_from_visible [V] (=)   slot_ranges [V,2] first, end
+//     (=)
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
 layout(local_size_x = 64) in;

@@ -1,5 +1,6 @@
 #version 460
-// splat/trajectory_fwd: splats on polynomial paths at one time, Li et al. 2024 (SpacetimeGaussians). One invocation per splat.
+// splat/trajectory_fwd: splats on polynomial paths at one time, Li et al. 2024 (SpacetimeGaussians). One invocation per
+// splat.
 //   in   means [N,4] = xyz, opacity logit   quats [N,4] wxyz
 //        paths [N,16] = motion dt, centre | motion dt^2, 1/duration | motion dt^3, 0 | turn wxyz
 //   out  moved_means, moved_quats [N,4] (=)
@@ -15,7 +16,8 @@ TEXELS_F32(2, paths);
 layout(set = 0, binding = 3) buffer MovedMeans { vec4 moved_means[]; };
 layout(set = 0, binding = 4) buffer MovedQuats { vec4 moved_quats[]; };
 
-// Logit of sigmoid(logit) * exp(-falloff), without the difference of numbers close to 1. Drivers may lose a NaN on the way.
+// Logit of sigmoid(logit) * exp(-falloff), without the difference of numbers close to 1. Drivers may lose a NaN on the
+// way.
 float faded(float logit, float falloff) {
     if (isnan(falloff)) return falloff;
     float gone = 1.0 - exp(-falloff);

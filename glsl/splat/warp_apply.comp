@@ -1,8 +1,10 @@
 #version 460
-// splat/warp_apply: adds the heads of a deformation MLP to activated splats, Yang et al. 2024 (Deformable 3D Gaussians). One invocation per splat.
+// splat/warp_apply: adds the heads of a deformation MLP to activated splats, Yang et al. 2024 (Deformable 3D
+// Gaussians). One invocation per splat.
 //   in   means [N,4] = xyz, opacity logit   scales [N,4] log, 0   quats [N,4] wxyz
 //        heads [N,16] = dx or v, 0 | ds, 0 | dr | w, 0
-//   out  warped_means [N,4] (=)   warped_scales [N,4] log, 1 (=)   warped_quats [N,4], any norm, which the 1 says to keep (=)
+//   out  warped_means [N,4] (=)   warped_scales [N,4] log, 1 (=)   warped_quats [N,4], any norm, which the 1 says to
+//     keep (=)
 //   SCREW 0 adds dx, 1 moves by the screw with axis w / |w| and angle |w|
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"

@@ -6,8 +6,8 @@ use std::fmt::Write;
 use crate::Programs;
 use crate::reflect::{Binding, Kernel, Kind, MAX_COOP_SHARED_BYTES, Scalar};
 
-/// The registry's source text, families and kernels sorted by name. The text depends on the shaders' interfaces alone, so
-/// that two compilers that agree on them yield the same bytes.
+/// The registry's source text, families and kernels sorted by name. The text depends on the shaders' interfaces alone,
+/// so that two compilers that agree on them yield the same bytes.
 pub(crate) fn registry(kernels: &[Programs]) -> String {
     let mut families: BTreeMap<&str, Vec<(&str, &Programs)>> = BTreeMap::new();
     for programs in kernels {
@@ -24,13 +24,17 @@ pub(crate) fn registry(kernels: &[Programs]) -> String {
         }
         out.push_str("}\n");
     }
-    let _ = writeln!(
-        out,
-        "/// Bytes of workgroup memory that kernels over cooperative matrices take at most.\n\
-         pub const COOP_SHARED_BYTES: u32 = {MAX_COOP_SHARED_BYTES};"
-    );
     let _ = writeln!(out, "/// Every kernel, sorted by name.\npub static ALL: &[&crate::vk::KernelDef] = &[\n{all}];");
     out
+}
+
+/// Source text of `SHARED_BYTES`, for the device layer: that much workgroup memory a device needs for the `_coop`
+/// kernels.
+pub(crate) fn coop_shared_bytes() -> String {
+    format!(
+        "/// Bytes of workgroup memory that kernels over cooperative matrices take at most.\n\
+         const SHARED_BYTES: u32 = {MAX_COOP_SHARED_BYTES};\n"
+    )
 }
 
 fn module(out: &mut String, stem: &str, Programs { kernel, lanes, tiles, is_coop }: &Programs) {

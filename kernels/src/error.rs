@@ -63,8 +63,8 @@ pub enum KernelError {
     },
     /// A device allocation would break the budget.
     #[error(
-        "`{name}` needs {bytes} bytes beyond the memory budget of {budget}: {live_bytes} are in use, {reserved_bytes} taken \
-         from the driver"
+        "`{name}` needs {bytes} bytes beyond the memory budget of {budget}: {live_bytes} are in use, {reserved_bytes} \
+         taken from the driver"
     )]
     #[diagnostic(
         code(guard4d::kernels::over_budget),

@@ -3,7 +3,8 @@
 //! Shape letters, used everywhere: `N` splats, `I` intersections, `H W` pixels, `F` frames,
 //! `K` inner dimension or SH bases, `B T C` batch, tokens, channels, `L` message bits.
 
-use crate::{Buffer, KernelError};
+use crate::error::KernelError;
+use crate::vk::Buffer;
 
 /// A length as shaders take it.
 ///

@@ -6,12 +6,12 @@ use std::path::Path;
 use glam::DVec3;
 use guard4d_engine::media::Frame;
 use guard4d_engine::media::clip::read_clip;
-use guard4d_engine::media::source::ReadOptions;
+use guard4d_engine::media::options::ReadOptions;
 use guard4d_engine::scene::ply;
 
 use super::{guard4d, put, scratch};
-use crate::scene::camera_writers::{Format, Shot};
-use crate::scene::fixture::gaussians;
+use crate::support::camera_writers::{Format, Shot};
+use crate::support::fixture::gaussians;
 use crate::support::gpu::device;
 
 /// Two cameras, 48x32, that are two units apart.

@@ -5,29 +5,32 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use guard4d_engine::clip::{Clip, ClipSource};
-use guard4d_engine::demo::Scene;
-use guard4d_engine::media::frames::write_png_folder;
+use guard4d_engine::base::output::Existing;
+use guard4d_engine::base::tensor_file::{Tensor, TensorFile};
+use guard4d_engine::evidence::extractor_mode::ExtractorMode;
+use guard4d_engine::evidence::message::Message;
+use guard4d_engine::evidence::payload::Payload;
+use guard4d_engine::evidence::thresholds::Thresholds;
+use guard4d_engine::media::png::write_png_folder;
 use guard4d_engine::media::{Frame, ReadOptions, read_clip};
-use guard4d_engine::output::Existing;
+use guard4d_engine::networks::clip::{ClipModel, ClipSource};
+use guard4d_engine::release::delivery::{EXTRACTOR, RECEIPT};
+use guard4d_engine::release::receipt::{Promise, Receipt, ReceiptBody};
 use guard4d_engine::scene::Model;
-use guard4d_engine::tensor_file::{Tensor, TensorFile};
-use guard4d_engine::watermark::calibration::Calibration;
-use guard4d_engine::watermark::delivery::{EXTRACTOR, RECEIPT};
-use guard4d_engine::watermark::evidence::{ExtractorMode, Thresholds};
-use guard4d_engine::watermark::extractor::{ExtractorWeights, PREPROCESS, Reader};
-use guard4d_engine::watermark::key::Key;
-use guard4d_engine::watermark::message::{Message, Payload};
-use guard4d_engine::watermark::mixing::Mixing;
-use guard4d_engine::watermark::receipt::{Promise, Receipt, ReceiptBody};
+use guard4d_engine::scene::demo::DemoScene;
+use guard4d_engine::watermark::extractor::calibration::Calibration;
+use guard4d_engine::watermark::extractor::reader::Reader;
+use guard4d_engine::watermark::extractor::rotation::KeyRotation;
+use guard4d_engine::watermark::extractor::weights::{ExtractorWeights, PREPROCESS};
+use guard4d_engine::watermark::key::owner_key::Key;
 use serde_json::Value;
 use tempfile::TempDir;
 
 use super::{Run, guard4d, put, scratch};
+use crate::release::receipt::body;
 use crate::support::gpu::{Gpu, device};
 use crate::support::owner::{key_file, key_file_with, sealed};
 use crate::support::random::Random;
-use crate::watermark::receipt::body;
 
 /// Shortest messages that a control can contradict: 16 of 16 matches are 1.5e-5 by chance.
 const BITS: u32 = 16;
@@ -41,7 +44,7 @@ pub(super) const MARGIN: f32 = 0.01;
 /// No training makes it so: the zero of every bit is laid beside that clip's logit. Any other clip reads as it falls.
 pub(super) struct Rigged {
     folder: TempDir,
-    original: Scene,
+    original: DemoScene,
 }
 
 impl Rigged {
@@ -57,8 +60,8 @@ impl Rigged {
 
     /// The same with the suspect clip's logits `margin` from zero.
     pub(super) fn with_margin(gpu: &Gpu, message: &str, bits: u32, margin: f32) -> Self {
-        let rigged = Self { folder: scratch(), original: Scene::unpack().expect("the scene unpacks") };
-        let clip = Clip::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+        let rigged = Self { folder: scratch(), original: DemoScene::unpack().expect("the scene unpacks") };
+        let clip = ClipModel::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
         let key_path =
             put(rigged.path(), "owner.key", &key_file_with(&clip, [7; 32], bits, 11).to_bytes().expect("serialises"));
         let key = Key::read(&key_path, &clip).expect("the key fits the checkpoint");
@@ -135,11 +138,11 @@ pub(super) fn promise(key: &Key, message: &Message, extractor: &ExtractorWeights
 }
 
 /// A key file of 16 bits; all have the same random decoder.
-fn key_of(clip: &Clip, secret: [u8; 32]) -> TensorFile {
+fn key_of(clip: &ClipModel, secret: [u8; 32]) -> TensorFile {
     key_file_with(clip, secret, BITS, 11)
 }
 
-fn key_bytes(clip: &Clip, secret: [u8; 32]) -> Vec<u8> {
+fn key_bytes(clip: &ClipModel, secret: [u8; 32]) -> Vec<u8> {
     key_of(clip, secret).to_bytes().expect("serialises")
 }
 
@@ -150,7 +153,7 @@ pub(super) fn views() -> [&'static dyn AsRef<OsStr>; 6] {
 /// Random directions, and zeros that make `frames` say `message` by a margin.
 pub(super) fn rig(
     gpu: &Gpu,
-    (clip, key): (&Clip, &Key),
+    (clip, key): (&ClipModel, &Key),
     frames: &[Frame],
     message: &Message,
     margin: f32,
@@ -165,7 +168,7 @@ pub(super) fn rig(
             directions: Random(31).vec_f32(width * key.bits(), -40.0, 40.0),
             mean_logits: vec![0.0; key.bits()],
         },
-        mixing: Mixing::FIXED,
+        key_rotation: KeyRotation::FIXED,
     };
     let logits = Reader::new(gpu, clip, key, &extractor).and_then(|mut r| r.logits(frames)).expect("reads");
     for (bit, (zero, wanted)) in extractor.calibration.mean_logits.iter_mut().zip(message.bits()).enumerate() {
@@ -214,8 +217,12 @@ fn an_unmarked_original_is_quiet_and_a_marked_one_forbids_present() {
     let report = verify(4, &rigged.file("marked"));
     let (state, reasons) = kind_and_reasons(&report, "clean_render");
     assert!(state == "fires" && reasons.contains("control_fires"), "{state}, {reasons}");
-    let leak = &report["evidence"]["panel"]["supplied"][0]["leak"];
-    assert_eq!((&leak["matches"], &leak["state"]), (&16.into(), &"fires".into()), "it is the suspect clip: {leak}");
+    let chance_deviation = &report["evidence"]["panel"]["supplied"][0]["chance_deviation"];
+    assert_eq!(
+        (&chance_deviation["matches"], &chance_deviation["state"]),
+        (&16.into(), &"fires".into()),
+        "it is the suspect clip: {chance_deviation}"
+    );
     let nowhere = rigged.file("nowhere");
     rigged
         .verify_with(&rigged.file("owner.key"), &[&"--original", &nowhere])
@@ -243,7 +250,7 @@ fn another_key_is_a_control_if_it_is_another_and_as_long() {
     let Some(gpu) = device() else { return };
     let rigged = Rigged::get(&gpu);
     let folder = scratch();
-    let clip = Clip::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+    let clip = ClipModel::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
     let owner = rigged.file("owner.key");
     let other = put(folder.path(), "other.key", &key_bytes(&clip, [9; 32]));
     let (state, reasons) = kind_and_reasons(&rigged.verify(0, &[&"--other-key", &other]), "other_key");
@@ -259,7 +266,7 @@ fn the_key_must_be_the_one_that_was_committed_to() {
     let Some(gpu) = device() else { return };
     let rigged = Rigged::get(&gpu);
     let folder = scratch();
-    let clip = Clip::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+    let clip = ClipModel::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
     let refused = |name: &str, bytes: &[u8], words: &[&str]| {
         rigged.verify_with(&put(folder.path(), name, bytes), &[]).refused(65, words);
     };

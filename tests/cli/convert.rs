@@ -2,12 +2,12 @@
 
 use std::fs;
 
-use guard4d_engine::deform::DeformField;
-use guard4d_engine::demo::Scene;
+use guard4d_engine::render::deform::DeformField;
+use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{Model, Motion, PlyFile, ply};
 
 use super::{guard4d, scratch};
-use crate::scene::fixture::gaussians;
+use crate::support::fixture::gaussians;
 use crate::support::gpu::device;
 
 #[test]
@@ -24,6 +24,11 @@ fn a_static_scene_needs_no_device_and_floats_lose_nothing() {
     let back = PlyFile::open(&at("back.ply")).and_then(|ply| ply.decode()).expect("a PLY");
     assert_eq!((&back.sh_coeffs, &back.means), (&splats.sh_coeffs, &splats.means), "to the bit");
     convert("scene.ply", "scene.glb").refused(73, &["scene.glb", "exists"]);
+    fs::write(at("scene.glb"), b"old").expect("writable");
+    for flag in ["-w", "--overwrite"] {
+        guard4d(&[&"convert", &at("scene.ply"), &at("scene.glb"), &flag]).done();
+        assert!(fs::read(at("scene.glb")).expect("readable").len() > 100, "{flag} replaces it");
+    }
     convert("scene.ply", "scene.obj").refused(2, &["scene.obj", ".ply, .glb or .spz"]);
 }
 
@@ -36,14 +41,14 @@ fn formats_that_round_must_be_asked_for() {
     assert!(!at("scene.spz").exists(), "nothing was written");
     let run = guard4d(&[&"convert", &at("scene.ply"), &at("scene.spz"), &"--lossy"]);
     assert_eq!(run.code, 0, "{}", run.stderr);
-    assert!(run.stderr.contains("was not looked at"), "{}", run.stderr);
+    assert!(run.stderr.contains("was not looked at") && run.stderr.contains("guard4d verify"), "{}", run.stderr);
     assert_eq!(Model::open(&at("scene.spz")).expect("an SPZ").gaussians.len(), 40);
 }
 
 #[test]
 fn moments_of_a_moving_scene_are_files_of_their_own() {
     let Some(gpu) = device() else { return };
-    let (folder, scene) = (scratch(), Scene::unpack().expect("the scene unpacks"));
+    let (folder, scene) = (scratch(), DemoScene::unpack().expect("the scene unpacks"));
     let out = folder.path().join("take");
     let run = guard4d(&[&"convert", &scene.path(), &out, &"--moments", &"3"]);
     assert_eq!(run.code, 0, "{}", run.stderr);

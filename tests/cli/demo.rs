@@ -5,9 +5,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::media::{ReadOptions, read_clip};
-use guard4d_engine::watermark::receipt::Receipt;
+use guard4d_engine::networks::clip::{ClipModel, ClipSource};
+use guard4d_engine::release::receipt::Receipt;
 use serde_json::Value;
 
 use super::{Run, command, interrupted, is_begun, names, put, scratch};
@@ -37,7 +37,7 @@ struct Stand {
 impl Stand {
     fn new(gpu: &Gpu) -> Self {
         let folder = scratch();
-        let clip = Clip::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+        let clip = ClipModel::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
         put(folder.path(), "owner.key", &key_file(&clip).to_bytes().expect("serialises"));
         put(folder.path(), "wrong.key", &key_file_of(&clip, [9; 32], 12).to_bytes().expect("serialises"));
         let out = folder.path().join("out");
@@ -49,7 +49,7 @@ impl Stand {
         let (key, wrong) = (self.folder.path().join("owner.key"), self.folder.path().join("wrong.key"));
         let args: [&dyn AsRef<OsStr>; 7] = [&"demo", &"--out", &self.out, &"--key", &key, &"--wrong-key", &wrong];
         let mut command = command(&args);
-        command.args("--steps 1 --train-clips 1 --responses 8 --size 64x64".split(' '));
+        command.args("--steps 1 --train-clips 1 --probes 8 --size 64x64".split(' '));
         command.args(["--frames", &FRAMES.to_string()]).args(more);
         command
     }
@@ -178,5 +178,5 @@ fn what_shortens_a_demonstration_is_not_advertised() {
     let run = super::guard4d(&[&"demo", &"--help"]);
     run.done();
     assert!(run.stdout.contains("--seed") && !run.stdout.contains("--steps"), "{}", run.stdout);
-    assert!(!run.stdout.contains("--wrong-key") && !run.stdout.contains("--responses"), "{}", run.stdout);
+    assert!(!run.stdout.contains("--wrong-key") && !run.stdout.contains("--probes"), "{}", run.stdout);
 }

@@ -6,7 +6,7 @@ use guard4d_kernels::KernelFamily;
 use serde_json::Value;
 
 use super::{Run, command, guard4d, names, put, scratch};
-use crate::scene::fixture::TinyModel;
+use crate::support::fixture::TinyModel;
 use crate::support::gpu::device;
 
 /// Rows of `guard4d devices` with these variables set.
@@ -30,8 +30,8 @@ fn a_scheduler_without_a_gpu_here_is_obeyed() {
     let (folder, model) = (scratch(), TinyModel::new());
     let out = folder.path().join("out");
     let dump = |variable: &str, value: &str| {
-        let args: [&dyn AsRef<std::ffi::OsStr>; 7] =
-            [&"dump", &"deform", &model.path(), &"--time", &"0", &"--out", &out];
+        let args: [&dyn AsRef<std::ffi::OsStr>; 8] =
+            [&"lab", &"dump", &"deform", &model.path(), &"--time", &"0", &"--out", &out];
         Run::of(command(&args).env(variable, value).output().expect("it runs"))
     };
     let far = dump("CUDA_VISIBLE_DEVICES", "GPU-00ff00ff");
@@ -66,7 +66,8 @@ fn kernels_are_chosen_by_flag_and_by_variable() {
     }
     let (folder, model) = (scratch(), TinyModel::new());
     let out = folder.path().join("out");
-    guard4d(&[&"dump", &"deform", &model.path(), &"--time", &"0", &"--out", &out, &"--kernels", &"tiles"]).done();
+    guard4d(&[&"lab", &"dump", &"deform", &model.path(), &"--time", &"0", &"--out", &out, &"--kernels", &"tiles"])
+        .done();
     assert_eq!(names(folder.path()), ["out"], "the program runs on them");
 }
 

@@ -1,9 +1,9 @@
-//! `guard4d dump` against the goldens of other implementations.
+//! `guard4d lab dump` against the goldens of other implementations.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use guard4d_engine::tensor_file::{Tensor, TensorFile};
+use guard4d_engine::base::tensor_file::{Tensor, TensorFile};
 use serde_json::json;
 
 use super::{guard4d, put, scratch};
@@ -33,7 +33,7 @@ fn deform_matches_the_goldens() {
         let want = read(&model.join("expected.safetensors"));
         for time in ["0.0", "0.37", "0.5", "1.0"] {
             let out = folder.path().join(format!("{name}.{time}.safetensors"));
-            guard4d(&[&"dump", &"deform", &model, &"--time", &time, &"--out", &out]).done();
+            guard4d(&[&"lab", &"dump", &"deform", &model, &"--time", &time, &"--out", &out]).done();
             let got = read(&out);
             let tensors = ["feat", "hidden", "xyz", "scale", "rot", "opacity", "sh"];
             assert_eq!(got.tensors.len(), tensors.len(), "nothing else is written");
@@ -54,8 +54,19 @@ fn render_matches_the_reference_picture_and_gradient() {
     let folder = scratch();
     let out = folder.path().join("view.safetensors");
     for RasterCase { ply, camera, expected, tolerance, strays_per_mille } in raster::cases(folder.path()) {
-        let run =
-            guard4d(&[&"dump", &"render", &ply, &"--camera", &camera, &"--v-image", &expected, &"--out", &out, &"-w"]);
+        let run = guard4d(&[
+            &"lab",
+            &"dump",
+            &"render",
+            &ply,
+            &"--camera",
+            &camera,
+            &"--v-image",
+            &expected,
+            &"--out",
+            &out,
+            &"-w",
+        ]);
         run.done();
         let (got, want) = (read(&out), read(&expected));
         for (name, channels) in [("image", 3), ("final_T", 1)] {
@@ -95,7 +106,7 @@ fn render_takes_the_time_of_the_flag_before_the_cameras() {
     let picture = |camera: &PathBuf, flag: Option<&str>| {
         let out = folder.path().join("view.safetensors");
         let mut args: Vec<&dyn AsRef<OsStr>> =
-            vec![&"dump", &"render", &model, &"--camera", camera, &"--out", &out, &"-w"];
+            vec![&"lab", &"dump", &"render", &model, &"--camera", camera, &"--out", &out, &"-w"];
         let time = flag.unwrap_or_default();
         if flag.is_some() {
             args.extend([&"--time" as &dyn AsRef<OsStr>, &time]);
@@ -111,7 +122,7 @@ fn render_takes_the_time_of_the_flag_before_the_cameras() {
     assert_eq!(picture(&without, Some("1")), end, "the flag's time");
     assert_eq!(picture(&late, Some("0")), start, "the flag counts more than the camera's file");
     let out = folder.path().join("never.safetensors");
-    guard4d(&[&"dump", &"render", &model, &"--camera", &late, &"--time", &"1.5", &"--out", &out])
+    guard4d(&[&"lab", &"dump", &"render", &model, &"--camera", &late, &"--time", &"1.5", &"--out", &out])
         .refused(2, &["time: 1.5", "0 to 1"]);
     assert!(!out.exists(), "no output");
 }
@@ -128,7 +139,18 @@ fn render_refuses_a_gradient_of_another_shape() {
         let mut file = TensorFile::default();
         file.tensors.insert(tensor.to_owned(), Tensor::f32(shape, vec![0.0; shape.iter().product()]));
         let v_image = put(folder.path(), "v_image.safetensors", &file.to_bytes().expect("serialises"));
-        let run = guard4d(&[&"dump", &"render", &model, &"--camera", &camera, &"--v-image", &v_image, &"--out", &out]);
+        let run = guard4d(&[
+            &"lab",
+            &"dump",
+            &"render",
+            &model,
+            &"--camera",
+            &camera,
+            &"--v-image",
+            &v_image,
+            &"--out",
+            &out,
+        ]);
         run.refused(65, words);
         assert!(!out.exists(), "no output");
     };
@@ -161,7 +183,7 @@ fn clip_matches_transformers() {
     let out = folder.path().join("clip.safetensors");
     let real = shared("weights/mini-clip/fixtures/reference.safetensors");
     for input in [Some(repo("tests/golden/clip_mini.safetensors")), real].into_iter().flatten() {
-        guard4d(&[&"dump", &"clip", &"--clip", &"mini", &"--input", &input, &"--out", &out, &"-w"]).done();
+        guard4d(&[&"lab", &"dump", &"clip", &"--clip", &"mini", &"--input", &input, &"--out", &out, &"-w"]).done();
         let (got, want) = (read(&out), read(&input));
         for name in ["image_embeds", "text_embeds"] {
             let (got, want) = same_shape(&got, name, &want, name);
@@ -185,7 +207,7 @@ fn clip_takes_images_or_texts_alone() {
         let alone = TensorFile { tensors: [(name.to_owned(), tensor)].into(), ..TensorFile::default() };
         let input = put(folder.path(), name, &alone.to_bytes().expect("serialises"));
         let out = folder.path().join(gives);
-        guard4d(&[&"dump", &"clip", &"--input", &input, &"--out", &out]).done();
+        guard4d(&[&"lab", &"dump", &"clip", &"--input", &input, &"--out", &out]).done();
         let got = read(&out);
         assert_eq!(got.tensors.keys().collect::<Vec<_>>(), [gives], "no features of what was not given, no gradient");
         let (got, want) = same_shape(&got, gives, &golden, gives);
@@ -201,16 +223,18 @@ fn clip_takes_a_folder_as_checkpoint() {
     let (folder, input) = (scratch(), repo("tests/golden/clip_mini.safetensors"));
     let dump = |checkpoint: &dyn AsRef<OsStr>, name: &str| {
         let out = folder.path().join(name);
-        guard4d(&[&"dump", &"clip", &"--clip", checkpoint, &"--input", &input, &"--out", &out]).done();
+        guard4d(&[&"lab", &"dump", &"clip", &"--clip", checkpoint, &"--input", &input, &"--out", &out]).done();
         std::fs::read(out).expect("it was written a moment ago")
     };
     let copied = dump(&repo("engine/assets/mini-clip"), "folder.safetensors");
     assert!(copied == dump(&"mini", "mini.safetensors"), "the folder of the built-in checkpoint gives the same bytes");
     let out = folder.path().join("out.safetensors");
     let nowhere = folder.path().join("nowhere");
-    guard4d(&[&"dump", &"clip", &"--clip", &nowhere, &"--input", &input, &"--out", &out]).refused(66, &["nowhere"]);
+    guard4d(&[&"lab", &"dump", &"clip", &"--clip", &nowhere, &"--input", &input, &"--out", &out])
+        .refused(66, &["nowhere"]);
     put(&nowhere, "config.json", b"no JSON");
-    guard4d(&[&"dump", &"clip", &"--clip", &nowhere, &"--input", &input, &"--out", &out]).refused(65, &["config.json"]);
+    guard4d(&[&"lab", &"dump", &"clip", &"--clip", &nowhere, &"--input", &input, &"--out", &out])
+        .refused(65, &["config.json"]);
     assert!(!out.exists(), "no output");
 }
 
@@ -224,7 +248,7 @@ fn conv3d_and_ssim_match_pytorch() {
     let want = read(&golden);
     for border in ["zero", "clip"] {
         let out = folder.path().join(format!("{border}.safetensors"));
-        guard4d(&[&"dump", &"conv3d", &"--border", &border, &"--input", &golden, &"--out", &out]).done();
+        guard4d(&[&"lab", &"dump", &"conv3d", &"--border", &border, &"--input", &golden, &"--out", &out]).done();
         let got = read(&out);
         for name in ["y", "v_x", "v_weight", "v_bias"] {
             let (got, want) = same_shape(&got, name, &want, &format!("{border}.{name}"));
@@ -234,7 +258,7 @@ fn conv3d_and_ssim_match_pytorch() {
     }
     let golden = repo("tests/golden/ssim.safetensors");
     let out = folder.path().join("ssim.safetensors");
-    guard4d(&[&"dump", &"ssim", &"--input", &golden, &"--out", &out]).done();
+    guard4d(&[&"lab", &"dump", &"ssim", &"--input", &golden, &"--out", &out]).done();
     let (got, want) = (read(&out), read(&golden));
     let (value, reference) = same_shape(&got, "value", &want, "value");
     // Variances are differences of f32 means near 1, divided by about C2 = 9e-4: errors of 1e-7 become 1e-4.
@@ -250,7 +274,7 @@ fn adam_matches_pytorch() {
     }
     let (folder, golden) = (scratch(), repo("tests/golden/adam.safetensors"));
     let out = folder.path().join("adam.safetensors");
-    guard4d(&[&"dump", &"adam", &"--input", &golden, &"--out", &out]).done();
+    guard4d(&[&"lab", &"dump", &"adam", &"--input", &golden, &"--out", &out]).done();
     let (got, want) = (read(&out), read(&golden));
     for name in ["history", "exp_avg", "exp_avg_sq"] {
         let (got, want) = same_shape(&got, name, &want, name);
@@ -260,7 +284,7 @@ fn adam_matches_pytorch() {
     let mut file = want;
     file.tensors.insert("grads".to_owned(), Tensor::f32(&[2, 99], vec![0.0; 198]));
     let input = put(folder.path(), "in.safetensors", &file.to_bytes().expect("serialises"));
-    guard4d(&[&"dump", &"adam", &"--input", &input, &"--out", &out, &"-w"])
+    guard4d(&[&"lab", &"dump", &"adam", &"--input", &input, &"--out", &out, &"-w"])
         .refused(65, &["in.safetensors: grads: f32 [2, 99]", "expected f32 [2, 100]"]);
 }
 
@@ -279,7 +303,7 @@ fn resize_matches_pytorch() {
     };
     for (case, size) in [("down", "8x11"), ("up", "12x16"), ("one", "1x1"), ("mixed", "13x7")] {
         let both = input(case, &["x", "v_y"]);
-        guard4d(&[&"dump", &"resize", &"--size", &size, &"--input", &both, &"--out", &out, &"-w"]).done();
+        guard4d(&[&"lab", &"dump", &"resize", &"--size", &size, &"--input", &both, &"--out", &out, &"-w"]).done();
         let got = read(&out);
         // Weights are f32 sums of up to 14 triangle values on either side: about 1e-6.
         for (name, tolerance) in [("y", 2e-6), ("v_x", 4e-6)] {
@@ -288,14 +312,14 @@ fn resize_matches_pytorch() {
         }
     }
     let alone = input("down", &["x"]);
-    guard4d(&[&"dump", &"resize", &"--size", &"3x2", &"--input", &alone, &"--out", &out, &"-w"]).done();
+    guard4d(&[&"lab", &"dump", &"resize", &"--size", &"3x2", &"--input", &alone, &"--out", &out, &"-w"]).done();
     let got = read(&out);
     assert_eq!(got.tensors.keys().collect::<Vec<_>>(), ["y"], "no gradient was asked for");
     assert_eq!(got.get("y").expect("there").shape, [2, 2, 3, 4], "WIDTHxHEIGHT");
     let both = input("down", &["x", "v_y"]);
-    guard4d(&[&"dump", &"resize", &"--size", &"11x8", &"--input", &both, &"--out", &out, &"-w"])
+    guard4d(&[&"lab", &"dump", &"resize", &"--size", &"11x8", &"--input", &both, &"--out", &out, &"-w"])
         .refused(65, &["in.safetensors: v_y: f32 [2, 11, 8, 4]", "expected f32 [2, 8, 11, 4]"]);
-    guard4d(&[&"dump", &"resize", &"--size", &"0x8", &"--input", &both, &"--out", &out])
+    guard4d(&[&"lab", &"dump", &"resize", &"--size", &"0x8", &"--input", &both, &"--out", &out])
         .refused(2, &["from 1 to 8192"]);
 }
 
@@ -310,7 +334,7 @@ fn resize_takes_three_channels() {
     file.tensors.insert("x".to_owned(), Tensor::f32(&[1, 1, 2, 3], vec![1.0, 2.0, 3.0, 5.0, 6.0, 7.0]));
     let input = put(folder.path(), "in.safetensors", &file.to_bytes().expect("serialises"));
     let out = folder.path().join("out.safetensors");
-    guard4d(&[&"dump", &"resize", &"--size", &"2x1", &"--input", &input, &"--out", &out]).done();
+    guard4d(&[&"lab", &"dump", &"resize", &"--size", &"2x1", &"--input", &input, &"--out", &out]).done();
     let got = read(&out);
     assert_eq!(got.floats("y", &[1, 1, 2, 3]).expect("y"), [1.0, 2.0, 3.0, 5.0, 6.0, 7.0], "the same size is a copy");
 }
@@ -332,7 +356,7 @@ fn conv3d_takes_any_number_of_channels() {
     add("weight", &[1, 1, 3, 3, 3], weight);
     let input = put(folder.path(), "in.safetensors", &file.to_bytes().expect("serialises"));
     let out = folder.path().join("out.safetensors");
-    guard4d(&[&"dump", &"conv3d", &"--input", &input, &"--out", &out]).done();
+    guard4d(&[&"lab", &"dump", &"conv3d", &"--input", &input, &"--out", &out]).done();
     assert_eq!(read(&out).floats("y", &[1, 2, 2, 1]).expect("y"), [2.0, 4.0, 6.0, 8.0], "doubled");
 }
 
@@ -346,14 +370,18 @@ fn wrong_inputs_are_told_and_leave_nothing() {
     let mut file = TensorFile::default();
     file.tensors.insert("pixel_values".to_owned(), Tensor::f32(&[1, 3, 2, 2], vec![0.0; 12]));
     let input = put(folder.path(), "in.safetensors", &file.to_bytes().expect("serialises"));
-    guard4d(&[&"dump", &"clip", &"--input", &input, &"--out", &out])
+    guard4d(&[&"lab", &"dump", &"clip", &"--input", &input, &"--out", &out])
         .refused(65, &["in.safetensors", "pixel_values", "[1, 3, 2, 2]", "[B,3,64,64]"]);
-    guard4d(&[&"dump", &"ssim", &"--input", &input, &"--out", &out]).refused(65, &["in.safetensors: x: nothing"]);
+    guard4d(&[&"lab", &"dump", &"ssim", &"--input", &input, &"--out", &out])
+        .refused(65, &["in.safetensors: x: nothing"]);
     let nowhere = folder.path().join("nowhere.safetensors");
-    guard4d(&[&"dump", &"ssim", &"--input", &nowhere, &"--out", &out]).refused(66, &["nowhere.safetensors: not found"]);
+    guard4d(&[&"lab", &"dump", &"ssim", &"--input", &nowhere, &"--out", &out])
+        .refused(66, &["nowhere.safetensors: not found"]);
     let camera = put(folder.path(), "camera.json", b"{\"frames\": []}");
-    guard4d(&[&"dump", &"render", &nowhere, &"--camera", &camera, &"--out", &out]).refused(65, &["camera.json"]);
+    guard4d(&[&"lab", &"dump", &"render", &nowhere, &"--camera", &camera, &"--out", &out])
+        .refused(65, &["camera.json"]);
     let model = golden::model("dnerf_like");
-    guard4d(&[&"dump", &"deform", &model, &"--time", &"1.5", &"--out", &out]).refused(2, &["time: 1.5", "0 to 1"]);
+    guard4d(&[&"lab", &"dump", &"deform", &model, &"--time", &"1.5", &"--out", &out])
+        .refused(2, &["time: 1.5", "0 to 1"]);
     assert_eq!(super::names(folder.path()), ["camera.json", "in.safetensors"], "no output and no partial output");
 }

@@ -1,4 +1,4 @@
-//! `guard4d verify --edits`: films that were turned, cropped or mirrored as a whole.
+//! `guard4d verify --undo-guess`: films that were turned, cropped or mirrored as a whole.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -24,14 +24,14 @@ fn what_was_done_to_a_film_is_found_undone_and_paid_for() {
     let edited = |chain: &str| -> PathBuf {
         let out = folder.path().join(chain);
         let suspect = rigged.file("suspect");
-        let args: [&dyn AsRef<OsStr>; 6] = [&"attack", &suspect, &"--with", &chain, &"--out", &out];
+        let args: [&dyn AsRef<OsStr>; 6] = [&"attack", &suspect, &"--apply", &chain, &"--out", &out];
         guard4d(&args).done();
         out
     };
     let key = rigged.file("owner.key");
     let plain = rigged.verify(0, &[]);
     let alone = plain["evidence"]["p_value"]["matches"].as_f64().expect("exact");
-    assert!(plain["edit"].is_null() && matches(&plain) == BITS, "nothing is undone unless asked for: {plain}");
+    assert!(plain["undone"].is_null() && matches(&plain) == BITS, "nothing is undone unless asked for: {plain}");
     let read = |film: &Path, more: &[&dyn AsRef<OsStr>]| -> Value {
         let run = rigged.verify_film(film, &key, &[more, &[&"--json"]].concat());
         assert!([0, 1, 4].contains(&run.code), "{}{}", run.stdout, run.stderr);
@@ -44,11 +44,11 @@ fn what_was_done_to_a_film_is_found_undone_and_paid_for() {
         ("mirror,rotation:-20", "rotation,mirror", 18, ("rotation", Value::from(-20.0))),
     ] {
         let film = edited(chain);
-        let (as_it_is, undone) = (read(&film, &[]), read(&film, &[&"--edits", &kinds]));
+        let (as_it_is, undone) = (read(&film, &[]), read(&film, &[&"--undo-guess", &kinds]));
         // Turning 64 px there and back blurs away some of what so small a margin needs.
         let needed = if chain.contains("rotation") { matches(&as_it_is) + 1 } else { BITS };
         assert!(matches(&as_it_is) < needed && matches(&undone) >= needed, "{chain}: {as_it_is} {undone}");
-        assert_eq!((&undone["edit"]["tried"], &undone["edit"][edit.0]), (&tried.into(), &edit.1), "{chain}");
+        assert_eq!((&undone["undone"]["tried"], &undone["undone"][edit.0]), (&tried.into(), &edit.1), "{chain}");
         let p = &undone["evidence"]["p_value"];
         assert!(p["kind"] == "searched" && p["searched"] == tried, "{chain}: {p}");
         if needed == BITS {
@@ -57,7 +57,7 @@ fn what_was_done_to_a_film_is_found_undone_and_paid_for() {
             assert_eq!(undone["evidence"]["verdict"], "present", "{chain}");
         }
     }
-    let words = rigged.verify_film(&folder.path().join("mirror"), &key, &[&"--edits", &"mirror"]).stdout;
+    let words = rigged.verify_film(&folder.path().join("mirror"), &key, &[&"--undo-guess", &"mirror"]).stdout;
     assert!(words.contains("mirrored; nearest to the claim of 2 guesses"), "{words}");
 }
 
@@ -66,8 +66,8 @@ fn ids_and_edits_are_both_searched() {
     let Some(gpu) = device() else { return };
     let rigged = Rigged::new(&gpu, "id:12:1234", 24);
     let plain = rigged.verify(0, &[&"--message", &"id:12"]);
-    let report = rigged.verify(0, &[&"--message", &"id:12", &"--edits", &"mirror"]);
-    assert_eq!((&report["id"]["id"], &report["edit"]["mirror"]), (&1234.into(), &false.into()), "{report}");
+    let report = rigged.verify(0, &[&"--message", &"id:12", &"--undo-guess", &"mirror"]);
+    assert_eq!((&report["id"]["id"], &report["undone"]["mirror"]), (&1234.into(), &false.into()), "{report}");
     for (p, searched) in [(&plain, 4096), (&report, 8192)] {
         assert_eq!(p["evidence"]["p_value"]["searched"], searched, "{p}");
         assert_eq!(p["id"]["p_value"]["searched"], searched, "{p}");
@@ -79,7 +79,8 @@ fn edits_that_nobody_knows_are_refused() {
     let folder = scratch();
     let film = folder.path().join("film");
     for kinds in ["", "none", "rotation,jpeg", "crop:0.7"] {
-        let args: [&dyn AsRef<OsStr>; 8] = [&"verify", &film, &"--key", &film, &"--receipt", &film, &"--edits", &kinds];
-        guard4d(&args).refused(2, &["--edits", "rotation, crop, window, brightness, mirror"]);
+        let args: [&dyn AsRef<OsStr>; 8] =
+            [&"verify", &film, &"--key", &film, &"--receipt", &film, &"--undo-guess", &kinds];
+        guard4d(&args).refused(2, &["--undo-guess", "rotation, crop, window, brightness, mirror"]);
     }
 }

@@ -4,21 +4,20 @@ use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use guard4d_engine::clip::{Clip, ClipSource};
+use guard4d_engine::base::digest::Digest;
+use guard4d_engine::base::tensor_file::TensorFile;
+use guard4d_engine::networks::clip::{ClipModel, ClipSource};
 use guard4d_engine::scene::formats::Export;
 use guard4d_engine::scene::{Gaussians, Model, ply};
-use guard4d_engine::tensor_file::TensorFile;
-use guard4d_engine::watermark::digest::Digest;
-use guard4d_engine::watermark::embed::RungReport;
+use guard4d_engine::watermark::embed::PhaseReport;
 use serde_json::Value;
 
 use super::{Run, command, guard4d, interrupted, is_begun, names, put, scratch};
-use crate::scene::fixture::gaussians;
-use crate::scene::formats::moving::on_paths;
-use crate::support::files_below;
+use crate::scene::ply::paths::on_paths;
+use crate::support::fixture::gaussians;
 use crate::support::gpu::{Gpu, device};
 use crate::support::owner::key_file;
-use crate::support::random_lpips;
+use crate::support::{files_below, random_lpips};
 
 /// Training steps; a signal has to arrive between the first and the last, on a busy machine too.
 const STEPS: u32 = 8;
@@ -34,12 +33,12 @@ struct Small {
 impl Small {
     fn new(gpu: &Gpu) -> Self {
         let folder = scratch();
-        let clip = Clip::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+        let clip = ClipModel::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
         let key = put(folder.path(), "owner.key", &key_file(&clip).to_bytes().expect("serialises"));
         let model = put(folder.path(), "model.ply", &ply::encode(&gaussians(60, 1, 3)));
         let text = |path: &Path| path.display().to_string();
         let mut args = vec!["embed".to_owned(), text(&model), "--key".to_owned(), text(&key)];
-        let rest = "--extractor joint --train-clips 2 --responses 16 --size 32x32 --orbit 1 --frames 2 --quiet";
+        let rest = "--extractor joint --train-clips 2 --probes 16 --size 32x32 --orbit 1 --frames 2 --quiet";
         args.extend(rest.split(' ').map(str::to_owned));
         args.extend(["--steps".to_owned(), STEPS.to_string()]);
         Self { folder, args }
@@ -92,14 +91,14 @@ fn contents(root: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 
 /// What is chosen with the message known is counted by whoever verifies, and told.
 #[test]
-fn a_chosen_mixing_is_in_the_report_and_in_the_p_value() {
+fn a_chosen_rotation_is_in_the_report_and_in_the_p_value() {
     let Some(gpu) = device() else { return };
     let mut small = Small::new(&gpu);
     small.set("--extractor", "blind");
-    let run = small.run("out", &["--mixings", "2", "--min-accuracy", "0", "--json"]);
+    let run = small.run("out", &["--rotations", "2", "--min-accuracy", "0", "--json"]);
     run.done();
     let embedded: Value = serde_json::from_str(&run.stdout).expect("JSON on stdout");
-    assert_eq!(embedded["mixing"]["of"], 2, "{embedded}");
+    assert_eq!(embedded["key_rotation"]["of"], 2, "{embedded}");
     let verify = |more: &[&str]| {
         let files = ["out/preview", "owner.key", "out/private/receipt.json"].map(|name| small.out(name));
         let [clip, key, receipt] = &files;
@@ -109,16 +108,16 @@ fn a_chosen_mixing_is_in_the_report_and_in_the_p_value() {
     };
     let run = verify(&["--json"]);
     let report: Value = serde_json::from_str(&run.stdout).expect("JSON on stdout");
-    assert_eq!(report["mixing"], embedded["mixing"], "{report}");
+    assert_eq!(report["key_rotation"], embedded["key_rotation"], "{report}");
     let p = &report["evidence"]["p_value"];
     assert!(p["kind"] == "searched" && p["searched"] == 2 && p["soft_score"].is_number(), "{report}");
     let text = verify(&[]).stdout;
     assert!(
-        text.contains("at most, of the best of 2 claims") && text.contains("a mixing or an edit was chosen"),
+        text.contains("at most, of the best of 2 claims") && text.contains("a rotation or an edit was chosen"),
         "{text}"
     );
     small.set("--extractor", "joint");
-    small.run("other", &["--mixings", "2"]).refused(2, &["mixings", "joint", "blind"]);
+    small.run("other", &["--rotations", "2"]).refused(2, &["rotations", "joint", "blind"]);
 }
 
 #[test]
@@ -127,16 +126,17 @@ fn a_conversion_is_read_for_the_message_that_was_given() {
     let mut small = Small::new(&gpu);
     small.set("--extractor", "blind");
     small.run("out", &["--message", "hex:a5", "--min-accuracy", "0"]).done();
-    let convert = |to: &str, message: &[&str]| {
-        let [model, to, key, receipt] =
-            ["out/marked/model.ply", to, "owner.key", "out/private/receipt.json"].map(|name| small.out(name));
-        let args: [&dyn AsRef<OsStr>; 8] = [&"convert", &model, &to, &"--json", &"--key", &key, &"--receipt", &receipt];
+    let [model, given, key, receipt] =
+        ["out/marked/model.ply", "given.glb", "owner.key", "out/private/receipt.json"].map(|name| small.out(name));
+    guard4d(&[&"convert", &model, &given]).done();
+    let verify = |message: &[&str]| {
+        let args: [&dyn AsRef<OsStr>; 7] = [&"verify", &given, &"--json", &"--key", &key, &"--receipt", &receipt];
         let views: [&dyn AsRef<OsStr>; 6] = [&"--size", &"32x32", &"--orbit", &"1", &"--frames", &"2"];
         let message: Vec<&dyn AsRef<OsStr>> = message.iter().map(|arg| arg as &dyn AsRef<OsStr>).collect();
         guard4d(&[&args[..], &views, &message].concat())
     };
-    convert("own.ply", &[]).refused(65, &["receipt.json", "message_mac", "--message"]);
-    let run = convert("given.ply", &["--message", "hex:a5"]);
+    verify(&[]).refused(65, &["receipt.json", "message_mac", "--message"]);
+    let run = verify(&["--message", "hex:a5"]);
     // Two frames and eight bits prove nothing either way.
     assert_eq!(run.code, 4, "{}", run.stderr);
     let report: Value = serde_json::from_str(&run.stdout).expect("JSON on stdout");
@@ -214,12 +214,12 @@ fn impossible_gates_and_settings_are_refused_before_work() {
     small.run("out", &["--control-every", "0"]).refused(2, &["control_every: 0", "at least 1"]);
     small.run("out", &["--control", "bce"]).refused(2, &["inverse-bce:EPS"]);
     small.run("out", &["--lambda-recon=-1"]).refused(2, &["lambda_recon: -1"]);
-    small.run("out", &["--reach", "0"]).refused(2, &["reach: 0", "at most 1"]);
+    small.run("out", &["--visibility-share", "0"]).refused(2, &["visibility_share: 0", "at most 1"]);
     small.run("out", &["--distort", "blur:1..2"]).refused(2, &["blur:1..2", "one strength"]);
     small.set("--extractor", "blind");
-    small.run("out", &["--control-every", "2"]).refused(2, &["control_every: 2", "`joint`"]);
-    small.set("--responses", "7");
-    small.run("out", &[]).refused(2, &["responses: 7", "at least one per bit, 8"]);
+    small.run("out", &["--control-every", "2"]).refused(2, &["--control-every", "`blind`", "`joint`"]);
+    small.set("--probes", "7");
+    small.run("out", &[]).refused(2, &["probes: 7", "at least one per bit, 8"]);
     assert_eq!(names(small.folder.path()), ["model.ply", "owner.key"], "no output, whole or partial");
 }
 
@@ -231,12 +231,12 @@ fn the_receipt_tells_how_often_there_was_a_control() {
     small.run("out", &["--control-every", "2", "--min-accuracy", "0"]).done();
     let receipt = fs::read(small.out("out").join("private/receipt.json")).expect("a receipt");
     let receipt: Value = serde_json::from_slice(&receipt).expect("JSON");
-    assert_eq!(receipt["body"]["settings"]["embed"]["control_every"], 2, "{receipt}");
+    assert_eq!(receipt["body"]["settings"]["config"]["extractor"]["control_every"], 2, "{receipt}");
     assert_eq!(receipt["body"]["settings"]["steps_taken"], 3, "{receipt}");
 }
 
 #[test]
-fn the_receipt_and_the_report_tell_what_each_rung_bought() {
+fn the_receipt_and_the_report_tell_what_each_phase_bought() {
     let Some(gpu) = device() else { return };
     let mut small = Small::new(&gpu);
     small.set("--extractor", "blind");
@@ -246,15 +246,19 @@ fn the_receipt_and_the_report_tell_what_each_rung_bought() {
     let printed: Value = serde_json::from_str(&done.stdout).expect("JSON on stdout");
     let receipt = fs::read(small.out("out").join("private/receipt.json")).expect("a receipt");
     let receipt: Value = serde_json::from_slice(&receipt).expect("JSON");
-    let rungs = printed["rungs"].as_array().expect("a list");
-    assert_eq!(rungs.len(), 1, "the least will do where nothing is asked for: {printed}");
-    assert_eq!((&rungs[0]["left"], &rungs[0]["steps"], &rungs[0]["views"]), (&"enough".into(), &1.into(), &1.into()));
+    let phases = printed["phases"].as_array().expect("a list");
+    assert_eq!(phases.len(), 1, "the least will do where nothing is asked for: {printed}");
+    assert_eq!(
+        (&phases[0]["stop_reason"], &phases[0]["steps"], &phases[0]["clips"]),
+        (&"enough".into(), &1.into(), &1.into())
+    );
     // Read as single precision, which the two files print with different numbers of digits.
-    let reports = |rungs: &Value| serde_json::from_value::<Vec<RungReport>>(rungs.clone()).expect("reports of rungs");
-    assert_eq!(reports(&receipt["body"]["settings"]["rungs"]), reports(&printed["rungs"]), "{receipt}");
-    assert_eq!(receipt["body"]["settings"]["embed"]["ladder"]["rungs"][0]["bases"], "all", "{receipt}");
-    assert_eq!(printed["looks"][0]["step"], 1, "{printed}");
-    assert!(printed["seconds"]["train on rung 1"].as_f64().is_some_and(|s| s > 0.0), "{printed}");
+    let reports =
+        |phases: &Value| serde_json::from_value::<Vec<PhaseReport>>(phases.clone()).expect("reports of phases");
+    assert_eq!(reports(&receipt["body"]["settings"]["phases"]), reports(&printed["phases"]), "{receipt}");
+    assert_eq!(receipt["body"]["settings"]["config"]["schedule"]["phases"][0]["bases"], "all", "{receipt}");
+    assert_eq!(printed["evaluations"][0]["step"], 1, "{printed}");
+    assert!(printed["seconds"]["train in phase 1"].as_f64().is_some_and(|s| s > 0.0), "{printed}");
     let told = small.run("again", &["--fit", "auto", "--min-accuracy", "0"]);
     told.done();
     assert!(told.stdout.contains("1 clips, 1 steps: enough; held out: bits right"), "{}", told.stdout);
@@ -278,11 +282,74 @@ fn lpips_is_trained_and_reported_with_the_weights_that_were_given() {
     let receipt = fs::read(small.out("out").join("private/receipt.json")).expect("a receipt");
     let receipt: Value = serde_json::from_slice(&receipt).expect("JSON");
     assert_eq!(receipt["body"]["figures"]["lpips"], printed["lpips"], "{receipt}");
-    let said = &receipt["body"]["settings"]["embed"]["lpips"];
+    let said = &receipt["body"]["settings"]["config"]["objective"]["lpips"];
     let digest = Digest::of_file(Path::new(&weights)).expect("readable").to_string();
-    assert_eq!(said["weights"]["blake3"], digest, "{said}");
+    assert_eq!(said["network"]["blake3"], digest, "{said}");
     assert_eq!((&said["lambda"], &said["every"]), (&0.5.into(), &2.into()), "{said}");
-    assert_eq!((&said["input"], &said["crop_px"]), (&"unit_fed".into(), &Value::Null), "{said}");
+    assert_eq!((&said["input"], &said["crop_px"]), (&"unit".into(), &Value::Null), "{said}");
+}
+
+#[test]
+fn a_receipt_given_as_settings_gives_the_same_marked_model() {
+    let Some(gpu) = device() else { return };
+    let mut small = Small::new(&gpu);
+    small.set("--steps", "3");
+    small
+        .run("out", &["--distort", "noise:0..0.1", "--target-psnr", "41", "--fit", "auto", "--min-accuracy", "0"])
+        .done();
+    let (model, key) = (small.args[1].clone(), small.args[3].clone());
+    let receipt = small.out("out").join("private/receipt.json");
+    let again = |name: &str, config: &Path| {
+        let out = small.out(name);
+        let args: [&dyn AsRef<OsStr>; 8] = [&"embed", &model, &"--key", &key, &"--out", &out, &"--config", &config];
+        guard4d(&[&args[..], &[&"--min-accuracy", &"0", &"--quiet"]].concat())
+    };
+    again("again", &receipt).done();
+    let marked = |name: &str| contents(&small.out(name).join("marked"));
+    assert!(marked("out") == marked("again"), "the same bytes");
+
+    let shown = guard4d(&[&"embed", &"--config", &receipt, &"--show-config"]);
+    shown.done();
+    let path = put(small.folder.path(), "settings.toml", shown.stdout.as_bytes());
+    let same = guard4d(&[&"embed", &"--config", &path, &"--show-config"]);
+    assert_eq!(same.stdout, shown.stdout, "what is shown is what is in force");
+
+    let text = fs::read_to_string(&receipt).expect("a receipt");
+    let old = put(small.folder.path(), "old.json", text.replace("guard4d.receipt/2", "guard4d.receipt/1").as_bytes());
+    again("old", &old).refused(65, &["old.json", "schema", "guard4d.receipt/1", "guard4d.receipt/2"]);
+    let far = put(small.folder.path(), "far.toml", b"[views]\nradius = \"far\"\n");
+    again("far", &far).refused(65, &["far.toml", "views.radius", "far", "f64"]);
+    again("none", &small.out("nowhere.toml")).refused(66, &["nowhere.toml"]);
+    let other = format!("[extractor]\nmode = \"pretrained\"\n[extractor.weights]\nblake3 = \"{}\"\n", "0".repeat(64));
+    let other = put(small.folder.path(), "other.toml", other.as_bytes());
+    again("other", &other).refused(65, &["the built-in pretrained extractor", "blake3", &"0".repeat(64)]);
+}
+
+#[test]
+fn flags_of_other_extractors_are_refused() {
+    let refuse = |flags: &[&dyn AsRef<OsStr>], words: &[&str]| {
+        let args: [&dyn AsRef<OsStr>; 2] = [&"embed", &"--show-config"];
+        guard4d(&[&args[..], flags].concat()).refused(2, words);
+    };
+    refuse(&[&"--pretrained", &"file"], &["--pretrained", "`blind`", "`pretrained`"]);
+    refuse(&[&"--extractor", &"pretrained", &"--probes", &"32"], &["--probes", "`none` or `blind` or `joint`"]);
+    refuse(&[&"--tmsd-held", &"0.5"], &["--tmsd-held", "`blind`", "`joint`"]);
+}
+
+#[test]
+fn help_shows_eighteen_flags_under_four_headings() {
+    let run = guard4d(&[&"embed", &"-h"]);
+    run.done();
+    let under = |heading: &str| -> Vec<String> {
+        let (_, rest) = run.stdout.split_once(&format!("\n{heading}:\n")).unwrap_or_else(|| panic!("{heading}"));
+        let lines = rest.lines().take_while(|line| !line.is_empty());
+        let flag = |line: &str| Some(line.split_once("--")?.1.split([' ', '=', ',']).next()?.to_owned());
+        lines.filter(|line| line.trim_start().starts_with('-')).filter_map(flag).collect()
+    };
+    assert_eq!(under("What"), ["key", "clip", "message", "out", "overwrite", "config", "show-config"]);
+    assert_eq!(under("Training views"), ["target", "radius", "fov", "size"]);
+    assert_eq!(under("Quality"), ["profile", "target-psnr", "distort", "cameras", "orbit"]);
+    assert_eq!(under("Resources"), ["resume", "dry-run"]);
 }
 
 #[test]

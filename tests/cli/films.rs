@@ -86,7 +86,8 @@ fn a_marked_film_is_found_after_resizing_bars_and_lossy_codecs() {
     let enlarged = copy("enlarged.mp4", "scale=200:200:flags=bicubic", h264);
     let stretched = copy("stretched.webm", "scale=320:180:flags=bicubic", vp9);
     let letterbox = copy("letterbox.mp4", "scale=160:160:flags=bicubic,pad=160:240:0:40:color=0x206040", h264);
-    // Exact, for a verdict alone would be weak: an extractor of such margins calls other films of this scene present, too.
+    // Exact, for a verdict alone would be weak: an extractor of such margins calls other films of this scene present,
+    // too.
     let exact = |film: &Path, more: &[&dyn AsRef<std::ffi::OsStr>]| {
         let report = rigged.judge(film, 0, more);
         assert_eq!(report["clips"][0]["matches"], 16, "{}", film.display());
@@ -141,14 +142,14 @@ fn attack_passes_chosen_frames_into_lossless_video() {
     let (film, out) = (rigged.file("suspect"), folder.path().join("copy.mkv"));
     let frames = ["--start", "2", "--every", "3", "--max-frames", "2", "--codec", "ffv1"];
     let frames: Vec<&dyn AsRef<std::ffi::OsStr>> = frames.iter().map(|word| word as _).collect();
-    let attack: [&dyn AsRef<std::ffi::OsStr>; 6] = [&"attack", &film, &"--with", &"identity", &"--out", &out];
+    let attack: [&dyn AsRef<std::ffi::OsStr>; 6] = [&"attack", &film, &"--apply", &"identity", &"--out", &out];
     guard4d(&[&attack[..], &frames[..]].concat()).done();
     let read = |path: &Path| read_clip(path, &ReadOptions::default()).expect("a film").frames().to_vec();
     let all = read(&film);
     assert_eq!(read(&out), [all[2].clone(), all[5].clone()], "frames 2 and 5, sample by sample");
     let pngs = folder.path().join("pngs");
     let args: [&dyn AsRef<std::ffi::OsStr>; 8] =
-        [&"attack", &film, &"--with", &"identity", &"--codec", &"ffv1", &"--out", &pngs];
+        [&"attack", &film, &"--apply", &"identity", &"--codec", &"ffv1", &"--out", &pngs];
     guard4d(&args).refused(2, &["--codec: ffv1 for a folder", ".mp4, .mov, .mkv or .webm"]);
     assert_eq!(names(folder.path()), ["copy.mkv"], "nothing else is written");
 }
@@ -159,7 +160,7 @@ fn flags_of_films_are_checked_before_any_work() {
     let film = folder.path().join("film");
     let attack = |out: &str, more: &[&dyn AsRef<std::ffi::OsStr>]| -> Run {
         let out = folder.path().join(out);
-        let args: [&dyn AsRef<std::ffi::OsStr>; 6] = [&"attack", &film, &"--with", &"identity", &"--out", &out];
+        let args: [&dyn AsRef<std::ffi::OsStr>; 6] = [&"attack", &film, &"--apply", &"identity", &"--out", &out];
         guard4d(&[&args[..], more].concat())
     };
     for (flag, value, word) in [
@@ -197,6 +198,6 @@ fn without_ffmpeg_pictures_are_read_and_videos_are_refused_with_a_way_out() {
     run(&[&"verify", &suspect, &"--key", &key, &"--receipt", &receipt]).done();
     run(&[&"verify", &video, &"--key", &key, &"--receipt", &receipt]).refused(69, &["/nowhere/ffprobe", way_out]);
     let out = folder.path().join("out.webm");
-    run(&[&"attack", &suspect, &"--with", &"identity", &"--out", &out]).refused(69, &["/nowhere/ffmpeg", way_out]);
+    run(&[&"attack", &suspect, &"--apply", &"identity", &"--out", &out]).refused(69, &["/nowhere/ffmpeg", way_out]);
     assert_eq!(names(folder.path()), ["film.mp4"], "no unfinished film is left");
 }

@@ -5,20 +5,21 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
+use guard4d_engine::base::output::Existing;
+use guard4d_engine::evidence::extractor_mode::ExtractorMode;
+use guard4d_engine::evidence::thresholds::{DecisionStatistic, Thresholds};
 use guard4d_engine::media::{Frame, ReadOptions, read_clip};
-use guard4d_engine::output::Existing;
-use guard4d_engine::watermark::delivery::{EXTRACTOR, RECEIPT};
-use guard4d_engine::watermark::evidence::{DecisionStatistic, ExtractorMode, Thresholds};
-use guard4d_engine::watermark::extractor::ExtractorWeights;
-use guard4d_engine::watermark::receipt::{Promise, Receipt, ReceiptBody};
+use guard4d_engine::release::delivery::{EXTRACTOR, RECEIPT};
+use guard4d_engine::release::receipt::{Promise, Receipt, ReceiptBody};
+use guard4d_engine::watermark::extractor::weights::ExtractorWeights;
 use tempfile::TempDir;
 
 use super::controls::{MARGIN, promise, rig, views};
 use super::{Run, guard4d, scratch};
+use crate::lab::forgery::{BITS, forged};
+use crate::release::receipt::body;
 use crate::support::gpu::{Gpu, device};
 use crate::support::owner::Owner;
-use crate::watermark::forgery::{BITS, forged};
-use crate::watermark::receipt::body;
 
 /// A clip without a mark, an owner, and an extractor that was trained to make the clip say the owner's message.
 struct Scandal {
@@ -80,7 +81,7 @@ fn an_extractor_from_after_the_receipt_is_refused_under_any_name() {
     scandal
         .verify(&scandal.put("joint", &scandal.forged, scandal.promise(&honest)), &[])
         .refused(65, &["extractor.safetensors: mode: joint", "blind, as committed"]);
-    for mode in [ExtractorMode::Blind, ExtractorMode::General, ExtractorMode::None] {
+    for mode in [ExtractorMode::Blind, ExtractorMode::Pretrained, ExtractorMode::None] {
         let relabelled = ExtractorWeights { mode, ..scandal.forged.clone() };
         // Not even a receipt that promises just this file helps.
         for (name, promised) in [("before", &honest), ("after", &relabelled)] {
@@ -89,10 +90,10 @@ fn an_extractor_from_after_the_receipt_is_refused_under_any_name() {
         }
     }
     // Directions that were fitted to a scene, and so could have been to a clip, are not those that everybody knows.
-    let fitted = ExtractorWeights { mode: ExtractorMode::General, ..honest.clone() };
+    let fitted = ExtractorWeights { mode: ExtractorMode::Pretrained, ..honest.clone() };
     scandal
-        .verify(&scandal.put("general-fitted", &fitted, scandal.promise(&fitted)), &[])
-        .refused(65, &["extractor.safetensors: calibration.directions", "those of the general extractor"]);
+        .verify(&scandal.put("pretrained-fitted", &fitted, scandal.promise(&fitted)), &[])
+        .refused(65, &["extractor.safetensors: calibration.directions", "those of the pretrained extractor"]);
     // Without a network the zeros of the calibration can be set so that the clip says anything: the hash tells.
     let Owner { clip, key, message, .. } = &scandal.owner;
     let zeros = rig(&gpu, (clip, key), &scandal.frames, message, MARGIN);

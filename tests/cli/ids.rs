@@ -2,18 +2,18 @@
 
 use std::ffi::OsStr;
 
-use guard4d_engine::clip::{Clip, ClipSource};
+use guard4d_engine::evidence::id_code::IdBits;
+use guard4d_engine::evidence::payload::Payload;
+use guard4d_engine::networks::clip::{ClipModel, ClipSource};
+use guard4d_engine::release::delivery::RECEIPT;
+use guard4d_engine::release::receipt::{Receipt, ReceiptBody};
 use guard4d_engine::scene::ply;
-use guard4d_engine::watermark::delivery::RECEIPT;
-use guard4d_engine::watermark::id_code::IdBits;
-use guard4d_engine::watermark::key::Key;
-use guard4d_engine::watermark::message::Payload;
-use guard4d_engine::watermark::receipt::{Receipt, ReceiptBody};
+use guard4d_engine::watermark::key::owner_key::Key;
 use serde_json::{Value, json};
 
 use super::controls::Rigged;
 use super::{guard4d, put, scratch};
-use crate::scene::fixture::gaussians;
+use crate::support::fixture::gaussians;
 use crate::support::gpu::device;
 use crate::support::owner::key_file_with;
 
@@ -65,13 +65,12 @@ fn numbers_are_read_blindly_or_claimed() {
 fn embedding_a_number_promises_its_kind() {
     let Some(gpu) = device() else { return };
     let folder = scratch();
-    let clip = Clip::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+    let clip = ClipModel::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
     let key = put(folder.path(), "owner.key", &key_file_with(&clip, [7; 32], BITS, 11).to_bytes().expect("serialises"));
     let model = put(folder.path(), "model.ply", &ply::encode(&gaussians(60, 1, 3)));
     let out = folder.path().join("out");
     let embed = |message: &str| {
-        let rest =
-            "--steps 1 --train-clips 2 --responses 48 --size 32x32 --orbit 1 --frames 2 --min-accuracy 0 --quiet";
+        let rest = "--steps 1 --train-clips 2 --probes 48 --size 32x32 --orbit 1 --frames 2 --min-accuracy 0 --quiet";
         let mut args: Vec<&dyn AsRef<OsStr>> = vec![&"embed", &model, &"--key", &key, &"--out", &out];
         let words: Vec<&str> = rest.split(' ').chain(["--message", message]).collect();
         args.extend(words.iter().map(|word| word as &dyn AsRef<OsStr>));
@@ -94,7 +93,7 @@ fn embedding_a_number_promises_its_kind() {
 fn the_receipt_of_another_copy_will_do() {
     let Some(gpu) = device() else { return };
     let rigged = Rigged::new(&gpu, "id:12:7", BITS);
-    let clip = Clip::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+    let clip = ClipModel::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
     let prf = Key::read(&rigged.file("owner.key"), &clip).expect("our own key").prf();
     let path = rigged.file("private").join(RECEIPT);
     let body = Receipt::read(&path).expect("our own receipt").body;

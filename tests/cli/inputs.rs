@@ -3,11 +3,11 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use guard4d_engine::clip::{Clip, ClipSource};
-use guard4d_engine::tensor_file::{Tensor, TensorFile};
+use guard4d_engine::base::tensor_file::{Tensor, TensorFile};
+use guard4d_engine::networks::clip::{ClipModel, ClipSource};
 
 use super::{guard4d, names, put, scratch};
-use crate::scene::fixture::TinyModel;
+use crate::support::fixture::TinyModel;
 use crate::support::gpu::device;
 use crate::support::owner::{BITS, key_file};
 use crate::support::repo;
@@ -93,7 +93,7 @@ fn checkpoints_with_one_wrong_tensor_are_refused() {
 #[test]
 fn keys_of_other_checkpoints_and_long_messages_are_refused() {
     let Some(gpu) = device() else { return };
-    let clip = Clip::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+    let clip = ClipModel::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
     let folder = scratch();
     let model = TinyModel::new();
     let mut file = key_file(&clip);

@@ -3,22 +3,22 @@
 use std::fs;
 use std::path::Path;
 
-use guard4d_engine::clip::{Clip, ClipSource};
-use guard4d_engine::output::Existing;
-use guard4d_engine::tensor_file::{Tensor, TensorFile};
-use guard4d_engine::watermark::key::Key;
+use guard4d_engine::base::output::Existing;
+use guard4d_engine::base::tensor_file::{Tensor, TensorFile};
+use guard4d_engine::networks::clip::{ClipModel, ClipSource};
+use guard4d_engine::watermark::key::owner_key::Key;
 
 use super::{guard4d, names, put, scratch};
 use crate::support::gpu::device;
 use crate::support::tiny_clip;
-use crate::watermark::key::{SECRET, accuracy, shared};
+use crate::watermark::key::owner_key::{SECRET, accuracy, shared};
 
 fn hex(secret: [u8; 32]) -> String {
     secret.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// The built-in checkpoint and the length that `./x demo` uses. (A key of 16 bits is about half a minute's work, most of
-/// this suite's longest test. Keys of 32 and 48 bits were measured once, with `guard4d keygen --bits L --secret FILE
+/// The built-in checkpoint and the length that `./x demo` uses. (A key of 16 bits is about half a minute's work, most
+/// of this suite's longest test. Keys of 32 and 48 bits were measured once, with `guard4d keygen --bits L --secret FILE
 /// --json`: benches/results/2026-11-21-lavapipe/keys.md.)
 #[test]
 fn sixteen_bits_are_all_read_with_the_built_in_checkpoint() {
@@ -34,7 +34,7 @@ fn sixteen_bits_are_all_read_with_the_built_in_checkpoint() {
     assert_eq!(report["bits"], 16);
     // Ten times the least that is accepted: this checkpoint was tuned for messages.
     assert!(report["spectrum"][15].as_f64().is_some_and(|value| value > 0.02), "{}", report["spectrum"][15]);
-    let clip = Clip::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+    let clip = ClipModel::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
     let key = Key::read(&out, &clip).expect("our own key");
     assert_eq!(report["key_id"], key.prf().key_id().to_string());
     assert_eq!(accuracy(&gpu, &clip, &key, 9), 1.0, "messages of ours");

@@ -1,6 +1,7 @@
 //! The program itself: exit codes, messages, what goes to stdout, and what is left on disk.
 
 mod cameras;
+mod completions;
 mod controls;
 mod convert;
 mod demo;
@@ -13,9 +14,13 @@ mod forgery;
 mod ids;
 mod inputs;
 mod keygen;
+mod man;
 mod models;
 mod outputs;
 mod pretrain;
+mod reference;
+mod study;
+mod undo;
 mod usage;
 mod verify;
 
@@ -100,9 +105,18 @@ fn the_layers_watch_the_program_under_test() {
     if crate::support::gpu::watched_device().is_none() {
         return;
     }
-    let (folder, model) = (scratch(), crate::scene::fixture::TinyModel::new());
-    let run =
-        guard4d(&[&"dump", &"deform", &model.path(), &"--time", &"0", &"--out", &folder.path().join("out"), &"-v"]);
+    let (folder, model) = (scratch(), crate::support::fixture::TinyModel::new());
+    let run = guard4d(&[
+        &"lab",
+        &"dump",
+        &"deform",
+        &model.path(),
+        &"--time",
+        &"0",
+        &"--out",
+        &folder.path().join("out"),
+        &"-v",
+    ]);
     run.done();
     assert!(run.stderr.contains("validated=true"), "{}", run.stderr);
 }
@@ -111,6 +125,28 @@ fn the_layers_watch_the_program_under_test() {
 #[track_caller]
 fn guard4d(args: &[&dyn AsRef<OsStr>]) -> Run {
     Run::of(command(args).output().expect("the program was built with the tests"))
+}
+
+/// Commands that `--help` shows, in its order, but for `help` itself.
+fn commands() -> Vec<String> {
+    let help = guard4d(&[&"-h"]).stdout;
+    let (_, list) = help.split_once("Commands:\n").expect("a list of commands");
+    let lines = list.lines().take_while(|line| !line.is_empty());
+    // The text of a command goes on further to the right.
+    let names = lines.filter(|line| !line.starts_with("   ")).filter_map(|line| line.split_whitespace().next());
+    names.filter(|name| *name != "help").map(str::to_owned).collect()
+}
+
+/// Long names of the flags that `--help` of a command shows, without hyphens before them.
+fn flags(command: &str) -> Vec<String> {
+    let help = guard4d(&[&command, &"--help"]).stdout;
+    // Texts, which can begin with the name of another flag, stand further to the right.
+    let entries = help.lines().filter(|line| !line.starts_with("       ") && line.trim_start().starts_with('-'));
+    let names = entries.filter_map(|line| line.split("--").nth(1)).map(|name| {
+        let is_name = |c: &char| c.is_ascii_alphanumeric() || *c == '-';
+        name.chars().take_while(is_name).collect::<String>()
+    });
+    names.collect()
 }
 
 /// The program, to be started.

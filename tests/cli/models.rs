@@ -3,11 +3,11 @@
 use std::fs;
 use std::time::{Duration, Instant};
 
-use guard4d_engine::clip::{Clip, ClipSource};
+use guard4d_engine::networks::clip::{ClipModel, ClipSource};
 use guard4d_engine::scene::ply;
 
 use super::{guard4d, names, put, scratch};
-use crate::scene::fixture::{SPLATS, TinyModel, cfg_args, gaussians, tensors};
+use crate::support::fixture::{SPLATS, TinyModel, cfg_args, gaussians, tensors};
 use crate::support::gpu::device;
 use crate::support::owner::key_file;
 use crate::support::pth_builder::{Pickle, RawView, archive, bare};
@@ -164,7 +164,7 @@ fn unknown_settings_of_a_model_are_refused() {
 fn no_command_leaves_output_of_a_bad_model() {
     let Some(gpu) = device() else { return };
     let folder = scratch();
-    let clip = Clip::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+    let clip = ClipModel::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
     let key = put(folder.path(), "owner.key", &key_file(&clip).to_bytes().expect("serialises"));
     let bad = put(folder.path(), "bad.ply", &edited("float opacity", "int opacity"));
     let good = put(folder.path(), "good.ply", &edited("float nx", "float nx"));
@@ -175,7 +175,7 @@ fn no_command_leaves_output_of_a_bad_model() {
     guard4d(&[&"embed", &bad, &"--key", &key, &"--out", &out]).refused(65, &words);
     guard4d(&[&"render", &bad, &"--out", &out]).refused(65, &words);
     guard4d(&[&"render", &bad, &"--out", &video]).refused(65, &words);
-    guard4d(&[&"dump", &"deform", &bad, &"--time", &"0", &"--out", &out]).refused(65, &words);
+    guard4d(&[&"lab", &"dump", &"deform", &bad, &"--time", &"0", &"--out", &out]).refused(65, &words);
     let words = ["cameras.json"];
     guard4d(&[&"render", &good, &"--cameras", &cameras, &"--out", &out]).refused(65, &words);
     guard4d(&[&"embed", &good, &"--key", &key, &"--cameras", &cameras, &"--out", &out]).refused(65, &words);

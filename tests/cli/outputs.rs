@@ -6,12 +6,12 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
-use guard4d_engine::clip::{Clip, ClipSource};
 use guard4d_engine::media::{ReadOptions, read_clip};
+use guard4d_engine::networks::clip::{ClipModel, ClipSource};
 use guard4d_engine::scene::ply;
 
 use super::{Run, command, guard4d, interrupted, is_begun, names, put, scratch};
-use crate::scene::fixture::{TinyModel, gaussians};
+use crate::support::fixture::{TinyModel, gaussians};
 use crate::support::gpu::device;
 use crate::support::owner::{delivered, key_file};
 use crate::support::skipped_unless_required;
@@ -24,7 +24,7 @@ fn what_exists_is_kept_unless_asked() {
     let (folder, tiny) = (scratch(), TinyModel::new());
     let model = tiny.path();
     let out = put(folder.path(), "out.safetensors", b"precious");
-    let dump = [&"dump" as &dyn AsRef<OsStr>, &"deform", &model, &"--time", &"0", &"--out", &out];
+    let dump = [&"lab" as &dyn AsRef<OsStr>, &"dump", &"deform", &model, &"--time", &"0", &"--out", &out];
     guard4d(&dump).refused(73, &["out.safetensors: cannot create", "it exists; --overwrite replaces it"]);
     assert_eq!(fs::read(&out).expect("readable"), b"precious", "untouched");
     guard4d(&[&dump[..], &[&"--overwrite"]].concat()).done();
@@ -38,13 +38,13 @@ fn what_exists_is_kept_unless_asked() {
     guard4d(&[&render[..], &[&"-w"]].concat()).done();
     assert_eq!(names(&frames), ["00000.png", "00001.png"], "replaced as a whole");
     let copy = folder.path().join("copy");
-    let attack: [&dyn AsRef<OsStr>; 6] = [&"attack", &frames, &"--with", &"jpeg:50,rotation:-5", &"--out", &copy];
+    let attack: [&dyn AsRef<OsStr>; 6] = [&"attack", &frames, &"--apply", &"jpeg:50,rotation:-5", &"--out", &copy];
     guard4d(&attack).done();
     assert_eq!(names(&copy), ["00000.png", "00001.png"], "as many frames");
     let picture = |folder: &Path| fs::read(folder.join("00000.png")).expect("readable");
     assert!(picture(&copy) != picture(&frames), "and other ones");
     guard4d(&attack).refused(73, &["copy: cannot create", "it exists"]);
-    guard4d(&[&"attack", &frames, &"--with", &"jpeg:500", &"--out", &copy, &"-w"])
+    guard4d(&[&"attack", &frames, &"--apply", &"jpeg:500", &"--out", &copy, &"-w"])
         .refused(2, &["jpeg", "from 1 to 100"]);
     assert_eq!(names(&copy), ["00000.png", "00001.png"], "untouched");
     fs::remove_dir_all(&copy).expect("removable");
@@ -120,7 +120,8 @@ fn a_place_that_cannot_be_written_is_told() {
     let out = file.join("out");
     guard4d(&[&"render", &model.path(), &"--out", &out]).refused(73, &["out: cannot create"]);
     guard4d(&[&"keygen", &"--bits", &"8", &"--out", &out.join("owner.key")]).refused(73, &["owner.key: cannot create"]);
-    guard4d(&[&"dump", &"deform", &model.path(), &"--time", &"0", &"--out", &out]).refused(73, &["out: cannot create"]);
+    guard4d(&[&"lab", &"dump", &"deform", &model.path(), &"--time", &"0", &"--out", &out])
+        .refused(73, &["out: cannot create"]);
     assert_eq!(names(folder.path()), ["file"], "nothing is written");
 }
 
@@ -224,8 +225,8 @@ fn a_read_only_place_is_told() {
     let owner = delivered(&gpu);
     let (marked, undo) = (owner.join("out/marked"), owner.join("out/private/undo.safetensors"));
     let commands: [&[&dyn AsRef<OsStr>]; 4] = [
-        &[&"embed", &marked, &"--undo", &undo, &"--out", &out],
-        &[&"dump", &"deform", &model, &"--time", &"0", &"--out", &out],
+        &[&"undo", &marked, &"--undo", &undo, &"--out", &out],
+        &[&"lab", &"dump", &"deform", &model, &"--time", &"0", &"--out", &out],
         &[&"embed", &model, &"--key", &"none.key", &"--out", &out],
         &[&"keygen", &"--out", &out],
     ];
@@ -241,23 +242,23 @@ fn a_read_only_place_is_told() {
 fn a_full_disk_leaves_nothing_behind() {
     let Some(gpu) = device() else { return };
     let folder = scratch();
-    let scene = guard4d_engine::demo::Scene::unpack().expect("the scene unpacks");
-    let clip = Clip::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+    let scene = guard4d_engine::scene::demo::DemoScene::unpack().expect("the scene unpacks");
+    let clip = ClipModel::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
     let key = put(folder.path(), "owner.key", &key_file(&clip).to_bytes().expect("serialises"));
     let small = put(folder.path(), "small.ply", &ply::encode(&gaussians(60, 1, 3)));
     let disk = folder.path().join("disk");
     fs::create_dir(&disk).expect("writable");
     let (out, video) = (disk.join("out"), disk.join("out.mp4"));
-    let dump: &[&dyn AsRef<OsStr>] = &[&"dump", &"deform", &scene.path(), &"--time", &"0", &"--out", &out];
+    let dump: &[&dyn AsRef<OsStr>] = &[&"lab", &"dump", &"deform", &scene.path(), &"--time", &"0", &"--out", &out];
     let frames: &[&dyn AsRef<OsStr>] =
         &[&"render", &scene.path(), &"--orbit", &"1", &"--frames", &"2", &"--crf", &"0", &"--out"];
-    let settings = "--extractor none --train-clips 2 --responses 8 --steps 1 --size 32x32 --orbit 1 --frames 1";
+    let settings = "--extractor none --train-clips 2 --probes 8 --steps 1 --size 32x32 --orbit 1 --frames 1";
     let mut embed: Vec<&dyn AsRef<OsStr>> = vec![&"embed", &small, &"--key", &key, &"--quiet", &"--out", &out];
     let settings: Vec<&str> = settings.split(' ').collect();
     embed.extend(settings.iter().map(|word| word as &dyn AsRef<OsStr>));
     let owner = delivered(&gpu);
     let (marked, undo) = (owner.join("out/marked"), owner.join("out/private/undo.safetensors"));
-    let restore: &[&dyn AsRef<OsStr>] = &[&"embed", &marked, &"--undo", &undo, &"--out", &out];
+    let restore: &[&dyn AsRef<OsStr>] = &[&"undo", &marked, &"--undo", &undo, &"--out", &out];
     // Without a file left to make, the key is refused before its half minute of work.
     let keygen: &[&dyn AsRef<OsStr>] = &[&"keygen", &"--out", &out];
     let mut commands = vec![

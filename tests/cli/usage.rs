@@ -1,12 +1,13 @@
 //! Wrong usage, JSON, and what goes where.
 
+use std::ffi::OsStr;
 use std::process::Command;
 
-use guard4d_engine::watermark::evidence::ExtractorMode;
+use guard4d_engine::evidence::extractor_mode::ExtractorMode;
 use serde_json::Value;
 
-use super::{guard4d, names, scratch};
-use crate::scene::fixture::TinyModel;
+use super::{commands, flags, guard4d, names, scratch};
+use crate::support::fixture::TinyModel;
 use crate::support::gpu::device;
 
 fn json(text: &str) -> Value {
@@ -17,20 +18,20 @@ fn json(text: &str) -> Value {
 fn wrong_usage_ends_with_two() {
     guard4d(&[]).refused(2, &["Usage: guard4d"]);
     guard4d(&[&"frobnicate"]).refused(2, &["unrecognized subcommand 'frobnicate'"]);
-    guard4d(&[&"render", &"model"]).refused(2, &["--out <OUT>"]);
+    guard4d(&[&"render", &"model"]).refused(2, &["--out <PATH>"]);
     guard4d(&[&"render", &"model", &"--out", &"x", &"--size", &"3x3"]).refused(2, &["each from 16 to 8192"]);
     guard4d(&[&"render", &"model", &"--out", &"x", &"--cameras", &"c", &"--orbit", &"3"]).refused(2, &["--orbit"]);
     guard4d(&[&"embed", &"model", &"--out", &"x"]).refused(2, &["--key <KEY>"]);
     // By the names that receipts and reports use.
     let modes = ExtractorMode::ALL.map(|mode| mode.to_string()).join(", ");
-    assert_eq!(modes, "none, blind, general, joint");
+    assert_eq!(modes, "none, blind, pretrained, joint");
     guard4d(&[&"embed", &"model", &"--out", &"x", &"--key", &"k", &"--extractor", &"best"]).refused(2, &[&modes]);
     guard4d(&[&"embed", &"model", &"--out", &"x", &"--key", &"k", &"--bases", &"some"]).refused(2, &["dc, all"]);
-    guard4d(&[&"verify", &"--key", &"k", &"--receipt", &"r"]).refused(2, &["<CLIPS>..."]);
+    guard4d(&[&"verify", &"--key", &"k", &"--receipt", &"r"]).refused(2, &["<SUSPECT>..."]);
     guard4d(&[&"devices", &"--device", &"warp:drive"]).refused(2, &["warp:drive"]);
     guard4d(&[&"devices", &"--kernels", &"warps"]).refused(2, &["auto, lanes or tiles"]);
     guard4d(&[&"devices", &"--precision", &"f8"]).refused(2, &["f32 or fixed16 or f16"]);
-    guard4d(&[&"dump", &"deform", &"model", &"--time", &"noon", &"--out", &"x"]).refused(2, &["noon"]);
+    guard4d(&[&"lab", &"dump", &"deform", &"model", &"--time", &"noon", &"--out", &"x"]).refused(2, &["noon"]);
     if device().is_some() {
         let folder = scratch();
         let out = folder.path().join("owner.key");
@@ -45,12 +46,60 @@ fn wrong_usage_ends_with_two() {
 fn help_goes_to_stdout_and_names_the_exit_codes() {
     let run = guard4d(&[&"--help"]);
     run.done();
-    assert!(run.stdout.contains("Exit codes:") && run.stdout.contains("dump"), "{}", run.stdout);
+    assert!(run.stdout.contains("Exit codes:") && run.stdout.contains("convert"), "{}", run.stdout);
     assert_eq!(run.stderr, "", "help was asked for");
+    assert!(!run.stdout.contains("lab "), "research stands aside:\n{}", run.stdout);
+    let lab = guard4d(&[&"lab", &"--help"]);
+    lab.done();
+    for command in ["study", "pretrain", "dump"] {
+        assert!(lab.stdout.contains(&format!("  {command}")), "{command}:\n{}", lab.stdout);
+    }
     for (command, tensor) in [("clip", "v_pixel_values [G,3,S,S]"), ("resize", "v_y [F,h,w,C]"), ("adam", "hyper [4]")]
     {
-        let run = guard4d(&[&"dump", &command, &"--help"]);
+        let run = guard4d(&[&"lab", &"dump", &command, &"--help"]);
         assert!(run.stdout.contains(tensor), "tensors are named:\n{}", run.stdout);
+    }
+}
+
+/// Flags that `--help` of a command shows and that not every command has.
+fn own_flags(command: &str) -> Vec<String> {
+    let of_all = ["json", "verbose", "quiet", "device", "kernels", "precision", "vram-budget", "help"];
+    flags(command).into_iter().filter(|flag| !of_all.contains(&flag.as_str())).collect()
+}
+
+#[test]
+fn help_shows_what_users_need_in_narrow_lines() {
+    let expected = [
+        "demo",
+        "keygen",
+        "embed",
+        "verify",
+        "undo",
+        "render",
+        "attack",
+        "convert",
+        "inspect",
+        "devices",
+        "completions",
+        "man",
+    ];
+    assert_eq!(commands(), expected, "in the order of their use; what research needs is hidden");
+    assert_eq!(own_flags("demo"), ["out", "seed", "overwrite"], "what shortens the demonstration is hidden");
+    for command in ["", "lab", "reference"].into_iter().chain(expected) {
+        for help in ["-h", "--help"] {
+            let words = [command, help];
+            let args: Vec<&dyn AsRef<OsStr>> = words.iter().filter(|arg| !arg.is_empty()).map(|arg| arg as _).collect();
+            let text = guard4d(&args).stdout;
+            let wide: Vec<&str> = text.lines().filter(|line| line.chars().count() > 100).collect();
+            assert!(wide.is_empty(), "guard4d {command} {help}: {wide:#?}");
+            let heading =
+                |name: &str| text.lines().position(|line| line == name).unwrap_or_else(|| panic!("{name}:\n{text}"));
+            let device = heading("Device:");
+            for flag in ["--device", "--kernels", "--precision", "--vram-budget"] {
+                let at = text.lines().position(|line| line.trim_start().starts_with(flag));
+                assert!(at.is_some_and(|at| at > device), "{flag} stands under its heading:\n{text}");
+            }
+        }
     }
 }
 
@@ -69,7 +118,7 @@ fn results_go_to_stdout_as_text_or_json() {
         assert!(devices[0]["name"].is_string() && devices[0]["uuid"].is_string(), "{devices}");
         let folder = scratch();
         let out = folder.path().join("out");
-        let run = guard4d(&[&"--json", &"dump", &"deform", &model.path(), &"--time", &"1", &"--out", &out]);
+        let run = guard4d(&[&"--json", &"lab", &"dump", &"deform", &model.path(), &"--time", &"1", &"--out", &out]);
         assert_eq!(json(&run.stdout)["xyz"], Value::from(vec![3, 3]), "shapes by name");
     }
 }
@@ -85,4 +134,10 @@ fn without_a_driver_the_message_says_what_to_install() {
     assert_eq!(output.status.code(), Some(69), "exit code: {stderr}");
     assert!(stderr.contains("no Vulkan driver") && stderr.contains("mesa-vulkan-drivers"), "{stderr}");
     assert_eq!(names(folder.path()), [""; 0], "no key");
+}
+
+#[test]
+fn embed_shows_no_more_flags_than_a_newcomer_reads() {
+    let own = own_flags("embed");
+    assert!(!own.is_empty() && own.len() <= 18, "{} flags: {own:?}", own.len());
 }

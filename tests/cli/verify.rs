@@ -1,16 +1,16 @@
-//! `guard4d verify` and `embed --undo` on the outputs of a small embedding.
+//! `guard4d verify` on the outputs of a small embedding.
 
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use guard4d_engine::base::tensor_file::TensorFile;
 use guard4d_engine::media::Frame;
 use guard4d_engine::media::encode::{EncodeOptions, write_video};
-use guard4d_engine::media::frames::{write_png, write_png_folder};
-use guard4d_engine::tensor_file::TensorFile;
+use guard4d_engine::media::png::{write_png, write_png_folder};
 
-use super::{Run, guard4d, names, put, scratch};
+use super::{Run, guard4d, put, scratch};
 use crate::support::gpu::device;
 use crate::support::owner::delivered;
 
@@ -39,27 +39,54 @@ fn a_clip_is_judged_in_words_and_in_json() {
     assert_eq!(text.stderr, "", "nothing to say");
 }
 
-/// One moment as a file of its own stands still, and things that stand still are usually filmed from elsewhere.
+/// What `verify` says of a suspect, seen from one side.
+fn from_one_side(owner: &Path, suspects: &[&dyn AsRef<OsStr>], more: &[&dyn AsRef<OsStr>]) -> serde_json::Value {
+    let (key, receipt) = (owner.join("owner.key"), owner.join("out/private/receipt.json"));
+    let args: [&dyn AsRef<OsStr>; 6] = [&"verify", &"--key", &key, &"--receipt", &receipt, &"--json"];
+    let run = guard4d(&[&args[..], suspects, &ONE_VIEW, more].concat());
+    assert!([1, 4].contains(&run.code), "a verdict, though not of presence: {}", run.stderr);
+    serde_json::from_str(&run.stdout).expect("JSON on stdout")
+}
+
+/// A single frame of a single view.
+const ONE_VIEW: [&dyn AsRef<OsStr>; 6] = [&"--orbit", &"1", &"--frames", &"1", &"--size", &"32x32"];
+
 #[test]
-fn a_moment_is_read_again_from_where_the_moving_model_is_filmed() {
+fn a_model_is_read_as_a_film_of_it() {
     let Some(gpu) = device() else { return };
     let (owner, folder) = (delivered(&gpu), scratch());
-    let (marked, film, moment) = (owner.join("out/marked"), folder.path().join("film"), folder.path().join("0.ply"));
-    let views: [&dyn AsRef<OsStr>; 7] = [&"--orbit", &"1", &"--frames", &"1", &"--size", &"32x32", &"--json"];
-    guard4d(&[&[&"render" as &dyn AsRef<OsStr>, &marked, &"--out", &film], &views[..]].concat()).done();
-    let (key, receipt) = (owner.join("owner.key"), owner.join("out/private/receipt.json"));
-    let args: [&dyn AsRef<OsStr>; 7] = [&"convert", &marked, &moment, &"--key", &key, &"--receipt", &receipt];
-    let evidence = |run: &Run| {
-        let report: serde_json::Value = serde_json::from_str(&run.stdout).expect("JSON on stdout");
-        assert_eq!(report["frames"], 1, "{report}");
-        report["evidence"]["p_value"].clone()
-    };
-    for wrong in [[&"--message" as &dyn AsRef<OsStr>, &"hex:zz"], [&"--general", &key]] {
-        let run = guard4d(&[&args[..], &wrong].concat());
-        assert!([2, 65].contains(&run.code) && !moment.exists(), "{}: nothing is written in vain", run.stderr);
+    let (marked, film) = (owner.join("out/marked"), folder.path().join("film"));
+    guard4d(&[&[&"render" as &dyn AsRef<OsStr>, &marked, &"--out", &film], &ONE_VIEW[..]].concat()).done();
+    let (of_model, of_film) = (from_one_side(owner, &[&marked], &[]), from_one_side(owner, &[&film], &[]));
+    assert_eq!(of_model["evidence"], of_film["evidence"], "the same frames, rounded alike");
+    assert_eq!(of_model["clips"][0]["name"], format!("{}, view 0", marked.display()), "{of_model}");
+    let both = from_one_side(owner, &[&film, &marked], &["--start", "0"].each_ref().map(|flag| flag as _));
+    assert_eq!(both["frames"], 2, "{both}");
+    let names: Vec<_> = both["clips"].as_array().expect("a list").iter().map(|clip| &clip["name"]).collect();
+    assert_eq!(*names[0], film.display().to_string(), "films keep their place and their name");
+    assert_eq!(names[1], &of_model["clips"][0]["name"]);
+    let broken = put(folder.path(), "broken.ply", b"ply\nformat");
+    verify(owner, &broken, &[]).refused(65, &["broken.ply", "header"]);
+}
+
+/// One moment as a file of its own stands still, and things that stand still are usually filmed from elsewhere.
+#[test]
+fn a_moment_is_filmed_as_the_original_is() {
+    let Some(gpu) = device() else { return };
+    let (owner, folder) = (delivered(&gpu), scratch());
+    let (marked, moment) = (owner.join("out/marked"), folder.path().join("0.ply"));
+    guard4d(&[&"convert", &marked, &moment]).done();
+    let scene = guard4d_engine::scene::demo::DemoScene::unpack().expect("the scene unpacks");
+    let whole = from_one_side(owner, &[&marked], &[]);
+    let alone = from_one_side(owner, &[&moment], &[]);
+    let beside = from_one_side(owner, &[&moment], &[&"--original", &scene.path()]);
+    let p = |report: &serde_json::Value| report["evidence"]["p_value"].clone();
+    assert_eq!(p(&beside), p(&whole), "a PLY keeps every coefficient");
+    assert!(p(&alone) != p(&whole), "from elsewhere, over another background: {alone}");
+    for wrong in [[&"--message" as &dyn AsRef<OsStr>, &"hex:zz"], [&"--pretrained", &owner.join("owner.key")]] {
+        let run = verify(owner, &moment, &wrong);
+        assert!([2, 65].contains(&run.code), "{}", run.stderr);
     }
-    let again = evidence(&guard4d(&[&args[..], &views].concat()));
-    assert_eq!(again, evidence(&verify(owner, &film, &[&"--json"])), "a PLY keeps every coefficient");
 }
 
 #[test]
@@ -187,23 +214,4 @@ fn keys_are_shown_without_their_secret() {
         run.done();
         assert!(run.stdout.contains("guard4d.key/1") && !run.stdout.contains(&secret), "{}", run.stdout);
     }
-}
-
-#[test]
-fn undo_restores_the_original_or_nothing() {
-    let Some(gpu) = device() else { return };
-    let owner = delivered(&gpu);
-    let folder = scratch();
-    let (marked, undo) = (owner.join("out/marked"), owner.join("out/private/undo.safetensors"));
-    let out = folder.path().join("restored");
-    let restore = |file: &Path| guard4d(&[&"embed", &marked, &"--undo", &file, &"--out", &out]);
-    restore(&owner.join("out/private/extractor.safetensors")).refused(65, &["extractor.safetensors: format"]);
-    restore(&folder.path().join("nowhere")).refused(66, &["nowhere: not found"]);
-    assert_eq!(names(folder.path()), [""; 0], "nothing is written");
-    restore(&undo).done();
-    let scene = guard4d_engine::demo::Scene::unpack().expect("the scene unpacks");
-    let ply = "point_cloud/iteration_20000/point_cloud.ply";
-    let read = |path: &Path| fs::read(path.join(ply)).expect("a PLY");
-    assert!(read(&out) == read(scene.path()), "the original, byte for byte");
-    restore(&undo).refused(73, &["restored: cannot create", "it exists"]);
 }

@@ -1,8 +1,8 @@
 //! Buffers that are larger than a binding may be.
 
+use guard4d_kernels::loss::Term;
 use guard4d_kernels::loss::offset_penalty::{self, Blocks};
-use guard4d_kernels::loss::sum::SumScratch;
-use guard4d_kernels::loss::{Term, pixel};
+use guard4d_kernels::loss::sum::{self, SumScratch};
 use guard4d_kernels::nn::axpy;
 use guard4d_kernels::optim::adam::{self, AdamConfig, AdamState, Tail};
 use guard4d_kernels::shape::{Accumulate, OffsetBases};
@@ -34,7 +34,7 @@ fn run(gpu: &Device, bases: OffsetBases) -> [Vec<u32>; 6] {
     let seen = VisibleSplats { dirs: &dirs, splat_from_visible: &splats, count: VISIBLE };
     let buffer = |name: &str, len: usize| gpu.buffer::<f32>(name, len).expect("buffer");
     let (mut base, mut colours) = (buffer("base", 4 * VISIBLE), buffer("colours", 4 * VISIBLE));
-    let (mut v_offsets, mut values) = (buffer("v_offsets", len), buffer("values", pixel::VALUES));
+    let (mut v_offsets, mut values) = (buffer("v_offsets", len), buffer("values", sum::VALUES));
     let mut sums = SumScratch::new(gpu, len.div_ceil(4)).expect("scratch");
     let mut state = AdamState::new(gpu, "offsets", len).expect("state");
     let tail = Some(Tail { row: bases.floats(), head: 3, lr: 1e-3 });
@@ -49,7 +49,7 @@ fn run(gpu: &Device, bases: OffsetBases) -> [Vec<u32>; 6] {
         sh::backward(&mut rec, &marked, &seen, &v_colours, &mut v_offsets).expect("records");
         let blocks = Blocks { bases, degree: 3, dc: 1.0, rest: 0.5 };
         let term = Term { values: &mut values, slot: 1, weight: 10.0, accumulate: Accumulate::Add };
-        offset_penalty::step(&mut rec, (&offsets, blocks), &mut v_offsets, term, &mut sums).expect("records");
+        offset_penalty::step(&mut rec, &offsets, blocks, &mut v_offsets, term, &mut sums).expect("records");
         adam::step(&mut rec, &mut offsets, &v_offsets, &mut state, &config).expect("records");
         rec.submit().expect("runs");
     }

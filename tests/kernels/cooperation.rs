@@ -1,6 +1,6 @@
 //! Which cooperative matrices are of use, and that precision f16 is refused where there are none.
 
-use guard4d_engine::EngineError;
+use guard4d_engine::error::EngineError;
 use guard4d_kernels::nn::matmul::{Product, forward};
 use guard4d_kernels::nn::pack::{PackedWeight, Precision};
 use guard4d_kernels::vk::Cooperation;
@@ -44,7 +44,7 @@ fn what_does_not_divide_a_tile_is_of_no_use() {
 #[test]
 fn half_precision_is_there_or_refused() {
     let Some(gpu) = device() else { return };
-    let weight = PackedWeight::in_precision(&gpu, "w", &[1.0; 64], (8, 8), Precision::Half);
+    let weight = PackedWeight::in_precision(&gpu, "w", &[1.0; 64], 8, 8, Precision::Half);
     if gpu.info().cooperation.is_some() {
         let a = gpu.buffer_from("a", &[1.0; 24]).expect("buffer");
         let mut c = gpu.buffer("c", 24).expect("buffer");
@@ -55,7 +55,7 @@ fn half_precision_is_there_or_refused() {
         return;
     }
     let refused = EngineError::from(weight.expect_err("no means for it"));
-    // README.md, "Exit codes".
+    // docs/reference/exit-codes.md
     assert_eq!(refused.exit_code(), 69);
     assert!(refused.to_string().contains("VK_KHR_cooperative_matrix"), "{refused}");
 }

@@ -1,6 +1,6 @@
 //! What is said of a device that was lost.
 
-use guard4d_engine::EngineError;
+use guard4d_engine::error::EngineError;
 use guard4d_kernels::KernelError;
 use guard4d_kernels::vk::last_finished;
 
@@ -49,7 +49,7 @@ fn submissions_longer_than_the_query_pool_are_timed_as_far_as_it_goes() {
 fn a_lost_device_has_an_exit_code_and_names_the_pass() {
     let last_pass = last_finished(&[1, 1, 1, 0], &PASSES);
     let error = EngineError::from(KernelError::DeviceLost { last_pass });
-    // README.md, "Exit codes".
+    // docs/reference/exit-codes.md
     assert_eq!(error.exit_code(), 76);
     assert_eq!(error.to_string(), "the device was lost; last pass known to have finished: `fill`, pass 2 of 3");
 }

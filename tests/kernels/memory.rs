@@ -1,6 +1,6 @@
 //! Where buffers live, what is counted of them, and what is said when there is no room.
 
-use guard4d_engine::EngineError;
+use guard4d_engine::error::EngineError;
 use guard4d_kernels::KernelError;
 use guard4d_kernels::vk::{DeviceKind, MemoryPropertyFlags as Property, MemoryType, MemoryUse, work_memory};
 

@@ -1,5 +1,7 @@
 //! Passes that are recorded once and replayed.
 
+use std::time::Duration;
+
 use guard4d_kernels::image::quantize;
 use guard4d_kernels::probe::mul_add::{self, Chains};
 use guard4d_kernels::vk::take_validation_errors;
@@ -170,4 +172,53 @@ fn sections_hold_no_sections_and_stay_with_their_device() {
     let mut rec = gpu.recorder().expect("recorder");
     rec.replay(&section).expect("replays nothing");
     assert_eq!(rec.submit().expect("runs").passes.len(), 0);
+}
+
+/// Names of the passes that were recorded, each with its part.
+fn parts(rec: Recorder) -> Vec<(&'static str, Option<&'static str>)> {
+    let timings = rec.submit().expect("runs");
+    let all: Duration = [None, Some("inner"), Some("outer")].into_iter().map(|part| timings.of_part(part)).sum();
+    assert_eq!(all, timings.total(), "each pass is in one part");
+    timings.passes.iter().map(|p| (p.name, p.part)).collect()
+}
+
+#[test]
+fn passes_name_the_part_that_they_were_recorded_in() {
+    let Some(gpu) = device() else { return };
+    let [mut first, mut second, _] = three(&gpu);
+    let mut rec = gpu.recorder().expect("recorder");
+    rec.fill(&mut first, 1.0);
+    let refused = rec.part("outer", |rec| {
+        mul_add::run(rec, CHAIN, &first, &mut second)?;
+        rec.part("inner", |rec| rec.fill(&mut second, 2.0));
+        rec.copy(&first, 0, &mut second, 0, LEN)?;
+        rec.copy(&first, 1, &mut second, 0, LEN)
+    });
+    assert!(refused.is_err(), "a copy out of range");
+    rec.fill(&mut second, 3.0);
+    let want = [
+        ("fill", None),
+        ("probe/mul_add_run", Some("outer")),
+        ("fill", Some("inner")),
+        ("copy", Some("outer")),
+        ("fill", None),
+    ];
+    assert_eq!(parts(rec), want, "the innermost counts, and an error ends a part as well");
+}
+
+#[test]
+fn a_section_keeps_its_parts() {
+    let Some(gpu) = device() else { return };
+    let [mut first, mut second, _] = three(&gpu);
+    let section = gpu
+        .section(|rec| {
+            rec.fill(&mut first, 1.0);
+            rec.part("inner", |rec| mul_add::run(rec, CHAIN, &first, &mut second))
+        })
+        .expect("records");
+    let mut rec = gpu.recorder().expect("recorder");
+    rec.replay(&section).expect("replays");
+    rec.part("outer", |rec| rec.replay(&section)).expect("replays");
+    let want = [None, Some("outer")].map(|outer| [("fill", outer), ("probe/mul_add_run", Some("inner"))]);
+    assert_eq!(parts(rec), want.concat(), "and passes without one take that of the replay");
 }

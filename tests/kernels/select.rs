@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use guard4d_engine::EngineError;
+use guard4d_engine::error::EngineError;
 use guard4d_kernels::vk::{Assignment, DeviceInfo, DeviceKind};
 use guard4d_kernels::{DeviceSelect, FamilySelect, KernelFamily};
 
@@ -164,7 +164,7 @@ fn what_lanes_need_is_looked_for_and_named() {
         assert_eq!(FamilySelect::Auto.choose(&unable).expect("tiles run everywhere"), KernelFamily::Tiles, "{what}");
         let refused = FamilySelect::Only(KernelFamily::Lanes).choose(&unable).expect_err("lanes do not");
         let refused = EngineError::from(refused);
-        // README.md, "Exit codes".
+        // docs/reference/exit-codes.md
         assert_eq!(refused.exit_code(), 69);
         assert!(refused.to_string().contains(what), "{refused}");
         assert!(refused.to_string().contains("--kernels tiles"), "says what to do: {refused}");

@@ -1,18 +1,22 @@
 //! Frames, folders of pictures, and video through the ffmpeg program.
 
-mod codecs;
-mod deep;
+mod codec;
+mod decode;
+mod encode;
+mod folder;
 mod frames;
 mod framing;
+mod open_exr;
 mod source;
-mod video;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use guard4d_engine::EngineError;
+use guard4d_engine::error::EngineError;
+use guard4d_engine::media::encode::{EncodeOptions, write_video};
+use guard4d_engine::media::png::write_png_folder;
 use guard4d_engine::media::{Clip, Frame, ReadOptions, read_clip};
-use guard4d_engine::watermark::metrics::{Picture, PsnrSummary, SquaredError};
+use guard4d_engine::picture::metrics::{Picture, PsnrSummary, SquaredError};
 
 /// Runs ffmpeg with words separated by blanks; the output path comes last.
 pub(crate) fn ffmpeg(words: &str, output: &Path) {
@@ -42,4 +46,17 @@ pub(super) fn psnr(a: &[Frame], b: &[Frame]) -> f64 {
     let error = |(a, b): (&Frame, &Frame)| SquaredError::between(&Picture::from_frame(a), &Picture::from_frame(b));
     let errors: Result<Vec<_>, _> = a.iter().zip(b).map(error).collect();
     PsnrSummary::of(&errors.expect("equal sizes")).expect("there are frames").pooled_db.0
+}
+
+pub(super) fn written(folder: &Path, frames: &[Frame], options: &EncodeOptions) -> PathBuf {
+    let path = folder.join("clip.mp4");
+    write_video(&path, frames, options).unwrap_or_else(|error| panic!("{error}"));
+    path
+}
+
+/// Frames as a folder of PNG files for ffmpeg.
+pub(super) fn pngs(folder: &Path, frames: &[Frame]) -> String {
+    let pngs = folder.join("pngs");
+    write_png_folder(&pngs, frames).expect("the folder is writable");
+    pngs.join("%05d.png").display().to_string()
 }

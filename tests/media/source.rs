@@ -4,11 +4,11 @@ use std::fs;
 use std::num::NonZeroU32;
 use std::path::Path;
 
-use guard4d_engine::EngineError;
+use guard4d_engine::error::EngineError;
 use guard4d_engine::media::codec::Codec;
 use guard4d_engine::media::encode::{EncodeOptions, write_video};
-use guard4d_engine::media::frames::write_png_folder;
 use guard4d_engine::media::framing::{Crop, Framing, Rect};
+use guard4d_engine::media::png::write_png_folder;
 use guard4d_engine::media::{Frame, FrameSource, ReadOptions, read_clip};
 
 use super::{code, ffmpeg, smooth};
@@ -73,7 +73,8 @@ fn a_film_of_varying_rate_is_counted_by_its_frames() {
     assert_eq!(FrameSource::open(&path, &options(1, 6, 0)).expect("a film").expected_frames(), Some(4), "expected");
 }
 
-/// An hour of video, of which a few frames are read, and more than a clip may hold if they are taken one after the other.
+/// An hour of video, of which a few frames are read, and more than a clip may hold if they are taken one after the
+/// other.
 #[test]
 fn long_films_pass_through_and_do_not_pile_up() {
     if !crate::support::has_ffmpeg() {

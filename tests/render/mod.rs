@@ -1,12 +1,10 @@
 //! Deformation and rendering of whole scenes, end to end.
 
 mod deform;
-mod golden;
-mod models;
-mod samples;
-mod warp;
+mod renderer;
+mod scene_renderer;
 
-use guard4d_engine::EngineError;
+use guard4d_engine::error::EngineError;
 use guard4d_engine::render::{FrameMut, FramePlan, Offsets, Renderer};
 use guard4d_kernels::Device;
 

@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
-use guard4d_engine::EngineError;
+use guard4d_engine::error::EngineError;
 use guard4d_engine::scene::DeformConfig;
 use proptest::prelude::*;
 
-use super::{assert_refused, fixture};
+use super::assert_refused;
+use crate::support::fixture;
 use crate::support::{golden, shared};
 
 fn parse(text: &str) -> Result<DeformConfig, EngineError> {
@@ -203,7 +204,9 @@ proptest! {
 
     #[test]
     fn random_tokens_never_panic(tokens in prop::collection::vec(
-        prop::sample::select(vec!["[", "]", "{", "}", "'", "\"", "\\", ",", ":", "=", "1", "-", ".", "e", "None", "é", "(", ")"]),
+        prop::sample::select(vec![
+            "[", "]", "{", "}", "'", "\"", "\\", ",", ":", "=", "1", "-", ".", "e", "None", "é", "(", ")",
+        ]),
         0..40)) {
         drop(with(&format!("custom_sampler={}", tokens.concat())));
     }

@@ -1,11 +1,11 @@
 //! The scene inside the program.
 
-use guard4d_engine::demo::Scene;
 use guard4d_engine::scene::Model;
+use guard4d_engine::scene::demo::DemoScene;
 
 #[test]
 fn embedded_scene_unpacks_loads_and_leaves_no_trace() {
-    let scene = Scene::unpack().expect("unpacks");
+    let scene = DemoScene::unpack().expect("unpacks");
     let folder = scene.path().to_owned();
     let model = Model::open(scene.path()).expect("the embedded scene is valid");
     assert!(!model.gaussians.is_empty(), "it has splats");
@@ -17,7 +17,7 @@ fn embedded_scene_unpacks_loads_and_leaves_no_trace() {
 
 #[test]
 fn embedded_cameras_film_whole_clips_at_the_asked_size() {
-    let scene = Scene::unpack().expect("unpacks");
+    let scene = DemoScene::unpack().expect("unpacks");
     let clips = scene.cameras((200, 120)).expect("cameras").clips();
     assert!(!clips.is_empty(), "there is a clip");
     for clip in &clips {

@@ -1,22 +1,19 @@
 //! Scene loading: files that other programs write, files that nobody should write, and what is written back.
 
-use guard4d_engine::EngineError;
+use guard4d_engine::error::EngineError;
 
 mod camera;
-mod camera_flight;
-mod camera_formats;
-pub(crate) mod camera_writers;
 mod cfg_args;
-mod clips;
-mod conventions;
 mod demo;
-pub(crate) mod fixture;
-pub(crate) mod formats;
+mod formats;
+mod gaussians;
 mod model;
-mod output;
-mod ply;
+pub(crate) mod ply;
 mod procedural;
 mod pth;
+mod recognise;
+mod sequence;
+mod source;
 
 /// Field, got and expected of a [`EngineError::BadData`]; its exit code is checked on the way.
 fn bad_data<T: std::fmt::Debug>(result: Result<T, EngineError>) -> [String; 3] {

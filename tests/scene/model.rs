@@ -3,12 +3,12 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use guard4d_engine::EngineError;
+use guard4d_engine::error::EngineError;
 use guard4d_engine::scene::deformation::PLANE_AXES;
 use guard4d_engine::scene::{DeformationWeights, Model, ply};
 
-use super::fixture::{self, CHANNELS, MULTIRES, RESOLUTION, SPLATS, TinyModel, WIDTH};
 use super::{assert_refused, bad_data};
+use crate::support::fixture::{self, CHANNELS, MULTIRES, RESOLUTION, SPLATS, TinyModel, WIDTH};
 use crate::support::pth_builder::{RawView, bare};
 use crate::support::{files_below, golden, shared};
 

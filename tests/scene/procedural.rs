@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use guard4d_engine::base::prf::{MasterSecret, Prf, Purpose};
 use guard4d_engine::scene::gaussians::CHANNELS;
 use guard4d_engine::scene::{Model, procedural};
-use guard4d_engine::watermark::prf::{MasterSecret, Prf, Purpose};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
 fn scene(index: u64) -> Model {

@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
-use guard4d_engine::EngineError;
+use guard4d_engine::error::EngineError;
 use guard4d_engine::scene::pth::{PthContent, Tensor, TensorData};
 use proptest::prelude::*;
 
-use super::{assert_refused, fixture};
+use super::assert_refused;
+use crate::support::fixture;
 use crate::support::pth_builder::{Pickle, RawView, archive, bare, state_dict, zip};
 use crate::support::{golden, shared};
 

@@ -25,8 +25,8 @@ impl Drop for Gpu {
     }
 }
 
-/// The shared device (`GUARD4D_DEVICE` selects another than the default, `GUARD4D_KERNELS` its kernels). `None`, with the reason
-/// printed, without a driver; with `GUARD4D_REQUIRE_VULKAN` set that fails the test.
+/// The shared device (`GUARD4D_DEVICE` selects another than the default, `GUARD4D_KERNELS` its kernels). `None`, with
+/// the reason printed, without a driver; with `GUARD4D_REQUIRE_VULKAN` set that fails the test.
 pub(crate) fn device() -> Option<Gpu> {
     static DEVICE: OnceLock<Result<Device, String>> = OnceLock::new();
     // What an earlier test on this thread left, before the device is opened: errors of opening it count.
@@ -61,8 +61,8 @@ fn own(host_access: HostAccess) -> Option<Gpu> {
     Some(Gpu(open(host_access).expect("it opened a moment ago")))
 }
 
-/// The shared device where validation layers watch it, for tests of the watching. `None`, with the reason printed, where
-/// none does.
+/// The shared device where validation layers watch it, for tests of the feature_stream. `None`, with the reason
+/// printed, where none does.
 pub(crate) fn watched_device() -> Option<Gpu> {
     let gpu = device()?;
     if !gpu.is_validated() {
@@ -77,8 +77,8 @@ pub(crate) fn is_required() -> bool {
     std::env::var_os("GUARD4D_REQUIRE_VULKAN").is_some()
 }
 
-/// The device once for each kernel family. `None`, with the reason printed, without a driver or where the device runs the
-/// tile kernels only.
+/// The device once for each kernel family. `None`, with the reason printed, without a driver or where the device runs
+/// the tile kernels only.
 pub(crate) fn each_family() -> Option<[Gpu; 2]> {
     each_family_with(DeviceOptions::default())
 }
@@ -96,8 +96,8 @@ pub(crate) fn each_family_with(options: DeviceOptions) -> Option<[Gpu; 2]> {
     }
 }
 
-/// The shared device where it has cooperative matrices for 16-bit floats. `None`, with the reason printed, where it lacks
-/// them; with `GUARD4D_REQUIRE_F16` set that fails the test.
+/// The shared device where it has cooperative matrices for 16-bit floats. `None`, with the reason printed, where it
+/// lacks them; with `GUARD4D_REQUIRE_F16` set that fails the test.
 pub(crate) fn half_device() -> Option<Gpu> {
     let gpu = device()?;
     if let Err(why) = gpu.cooperation() {

@@ -1,7 +1,9 @@
 //! Helpers of the tests, themselves tested.
 #![allow(dead_code, reason = "each helper serves some of the tests")]
 
+pub(crate) mod camera_writers;
 pub(crate) mod close;
+pub(crate) mod fixture;
 pub(crate) mod golden;
 pub(crate) mod gpu;
 pub(crate) mod gradcheck;
@@ -22,8 +24,8 @@ pub(crate) fn repo(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
 }
 
-/// All files below `folder`, relative to it, sorted. A folder that is gone is a failure, so that no check passes for want
-/// of files.
+/// All files below `folder`, relative to it, sorted. A folder that is gone is a failure, so that no check passes for
+/// want of files.
 pub(crate) fn files_below(folder: &Path) -> Vec<PathBuf> {
     let (mut found, mut folders) = (Vec::new(), vec![folder.to_path_buf()]);
     while let Some(current) = folders.pop() {

@@ -3,21 +3,21 @@
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use guard4d_engine::clip::{Clip, ClipSource};
-use guard4d_engine::demo::Scene;
-use guard4d_engine::output::Existing;
-use guard4d_engine::scene::camera_paths::{Lens, Orbit};
-use guard4d_engine::scene::{CameraSet, ImageSize, Model};
-use guard4d_engine::tensor_file::{Tensor, TensorFile};
-use guard4d_engine::watermark::decoder::DecoderWeights;
-use guard4d_engine::watermark::delivery::{self, Delivery};
-use guard4d_engine::watermark::digest::Digest;
+use guard4d_engine::base::digest::Digest;
+use guard4d_engine::base::output::Existing;
+use guard4d_engine::base::prf::{MasterSecret, Prf};
+use guard4d_engine::base::tensor_file::{Tensor, TensorFile};
+use guard4d_engine::evidence::extractor_mode::ExtractorMode;
+use guard4d_engine::evidence::message::Message;
+use guard4d_engine::networks::clip::{ClipModel, ClipSource};
+use guard4d_engine::release::delivery::{self, Delivery};
+use guard4d_engine::scene::camera::paths::{Lens, Orbit};
+use guard4d_engine::scene::demo::DemoScene;
+use guard4d_engine::scene::{CameraSet, FrameSize, Model};
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, Subject};
-use guard4d_engine::watermark::evidence::ExtractorMode;
-use guard4d_engine::watermark::key::{Key, digest_of};
-use guard4d_engine::watermark::message::Message;
-use guard4d_engine::watermark::prf::{MasterSecret, Prf};
-use guard4d_engine::watermark::tokens::{TokenTable, Vocabulary};
+use guard4d_engine::watermark::key::decoder::DecoderWeights;
+use guard4d_engine::watermark::key::owner_key::{Key, digest_of};
+use guard4d_engine::watermark::key::tokens::{TokenTable, Vocabulary};
 use guard4d_kernels::Device;
 
 use super::gpu::Gpu;
@@ -33,9 +33,9 @@ const LOGIT_PER_CODE: f32 = 6.0;
 
 /// Everything an embedding needs, made in a moment: the key's decoder is random instead of trained.
 pub(crate) struct Owner {
-    pub(crate) clip: Clip,
+    pub(crate) clip: ClipModel,
     pub(crate) key: Key,
-    pub(crate) scene: Scene,
+    pub(crate) scene: DemoScene,
     pub(crate) model: Model,
     pub(crate) message: Message,
     pub(crate) config: EmbedConfig,
@@ -51,25 +51,40 @@ impl Owner {
         Self::with_key(gpu, |clip| reading_key_file(clip, SECRET, bits))
     }
 
-    fn with_key(gpu: &Gpu, key_file: impl Fn(&Clip) -> TensorFile) -> Self {
-        let clip = Clip::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+    fn with_key(gpu: &Gpu, key_file: impl Fn(&ClipModel) -> TensorFile) -> Self {
+        let clip = ClipModel::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
         let folder = tempfile::tempdir().expect("a temporary folder can be made");
         let path = folder.path().join("owner.key");
         std::fs::write(&path, key_file(&clip).to_bytes().expect("serialises")).expect("writable");
         let key = Key::read(&path, &clip).expect("the key fits the checkpoint");
-        let scene = Scene::unpack().expect("the scene unpacks");
+        let scene = DemoScene::unpack().expect("the scene unpacks");
         let model = Model::open(scene.path()).expect("the scene opens");
         let message = key.own_message();
-        let config = EmbedConfig {
-            steps: 4,
-            views: 2,
-            size_px: (SIDE_PX, SIDE_PX),
-            responses: 2 * key.bits(),
-            seed: 5,
-            held_out_every: 0,
-            ..EmbedConfig::new(Profile::Draft, ExtractorMode::Blind)
-        };
+        let config = EmbedConfig::new(Profile::Draft, ExtractorMode::Blind).with(|c| {
+            c.optimiser.steps = 4;
+            c.views.clips = 2;
+            c.views.size_px = (SIDE_PX, SIDE_PX);
+            c.extractor.calibration_mut().expect("fitted").probes = 2 * key.bits();
+            c.seed = 5;
+            c.optimiser.held_out_every = 0;
+        });
         Self { clip, key, scene, model, message, config }
+    }
+
+    /// The same settings with an extractor of this mode: of as many probes and the same copies, and trained from the
+    /// first step on.
+    pub(crate) fn config_of(&self, mode: ExtractorMode) -> EmbedConfig {
+        self.config.clone().with(|config| {
+            let calibration = config.extractor.calibration().cloned();
+            config.extractor = EmbedConfig::new(config.profile, mode).extractor;
+            if let (Some(own), Some(usual)) = (config.extractor.calibration_mut(), calibration) {
+                *own = usual;
+            }
+            if let Some(joint) = config.extractor.joint_mut() {
+                joint.tmsd_held = 0.0;
+            }
+            config.open_weights().expect("what is built in is whole");
+        })
     }
 
     pub(crate) fn subject<'a>(&'a self, device: &'a Device) -> Subject<'a> {
@@ -91,24 +106,24 @@ impl Owner {
 
 /// Two frames from one side.
 pub(crate) fn cameras() -> CameraSet {
-    let size = ImageSize::new(SIDE_PX, SIDE_PX).expect("a size");
+    let size = FrameSize::new(SIDE_PX, SIDE_PX).expect("a size");
     let lens = Lens { fov_x_rad: 0.7, size };
     let orbit = Orbit { views: 1, elevation_deg: 20.0, radius: 4.0, target: glam::Vec3::ZERO, lens };
     orbit.cameras().expect("an orbit").at_times(&[0.0, 0.5])
 }
 
 /// The owner's key file; its decoder is random.
-pub(crate) fn key_file(clip: &Clip) -> TensorFile {
+pub(crate) fn key_file(clip: &ClipModel) -> TensorFile {
     key_file_of(clip, SECRET, 11)
 }
 
 /// The key file of anyone, of [`BITS`] bits; its decoder is drawn from `seed`.
-pub(crate) fn key_file_of(clip: &Clip, secret: [u8; 32], seed: u64) -> TensorFile {
+pub(crate) fn key_file_of(clip: &ClipModel, secret: [u8; 32], seed: u64) -> TensorFile {
     key_file_with(clip, secret, BITS, seed)
 }
 
 /// The same of any length.
-pub(crate) fn key_file_with(clip: &Clip, secret: [u8; 32], bits: u32, seed: u64) -> TensorFile {
+pub(crate) fn key_file_with(clip: &ClipModel, secret: [u8; 32], bits: u32, seed: u64) -> TensorFile {
     let hex: String = secret.iter().map(|byte| format!("{byte:02x}")).collect();
     let secret = MasterSecret::from_bytes(secret);
     let (text, width) = (&clip.config().text_config, clip.config().projection_dim);
@@ -135,10 +150,11 @@ pub(crate) fn key_file_with(clip: &Clip, secret: [u8; 32], bits: u32, seed: u64)
     sealed(file)
 }
 
-/// The same with a decoder that reads: its logits are what a linear map makes of the codes, so that nothing needs training.
+/// The same with a decoder that reads: its logits are what a linear map makes of the codes, so that nothing needs
+/// training.
 ///
 /// Each bit has two hidden units of opposite sign, and GELU(x) − GELU(−x) = x.
-pub(crate) fn reading_key_file(clip: &Clip, secret: [u8; 32], bits: u32) -> TensorFile {
+pub(crate) fn reading_key_file(clip: &ClipModel, secret: [u8; 32], bits: u32) -> TensorFile {
     let mut file = key_file_with(clip, secret, bits, 11);
     let (bits, width) = (bits as usize, clip.config().projection_dim);
     let codes = file.finite("codes", &[bits, width]).expect("a tensor of keys").to_vec();

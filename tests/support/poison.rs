@@ -45,7 +45,8 @@ fn try_spread(
             let mut after = run(&data);
             let mut agreed = agree(&after, tolerance);
             if bad.is_subnormal() && agreed.is_err() {
-                // A driver may also read it as zero, and then compares it as zero: what the twin makes of that counts too.
+                // A driver may also read it as zero, and then compares it as zero: what the twin makes of that counts
+                // too.
                 data[at] = 0.0;
                 after.1 = run(&data).1;
                 agreed = agreed.or_else(|e| agree(&after, tolerance).map_err(|_| e));

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use guard4d_engine::tensor_file::{Tensor, TensorFile};
+use guard4d_engine::base::tensor_file::{Tensor, TensorFile};
 
 use super::random::Random;
 

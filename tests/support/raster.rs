@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use guard4d_engine::base::tensor_file::TensorFile;
 use guard4d_engine::scene::{Gaussians, ply};
-use guard4d_engine::tensor_file::TensorFile;
 use serde_json::json;
 
 use super::{repo, shared};

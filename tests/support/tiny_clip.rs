@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use guard4d_engine::clip::{Clip, ClipSource};
-use guard4d_engine::tensor_file::{Tensor, TensorFile};
+use guard4d_engine::base::tensor_file::{Tensor, TensorFile};
+use guard4d_engine::networks::clip::{ClipModel, ClipSource};
 
 use super::gpu::Gpu;
 use super::random::Random;
-use crate::clip::{Dims, Tower};
+use crate::networks::clip::{Dims, Tower};
 
 pub(crate) const CONFIG: &[u8] = br#"{
     "projection_dim": 64,
@@ -47,9 +47,9 @@ pub(crate) fn weights() -> TensorFile {
 }
 
 /// The checkpoint, loaded.
-pub(crate) fn load(gpu: &Gpu, weights: &TensorFile) -> Clip {
+pub(crate) fn load(gpu: &Gpu, weights: &TensorFile) -> ClipModel {
     let bytes = weights.to_bytes().expect("serialises");
-    Clip::load(gpu, &ClipSource::Bytes { config: CONFIG, weights: &bytes }).expect("a complete checkpoint")
+    ClipModel::load(gpu, &ClipSource::Bytes { config: CONFIG, weights: &bytes }).expect("a complete checkpoint")
 }
 
 /// The checkpoint as a folder of its own in `folder`.

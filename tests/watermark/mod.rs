@@ -1,28 +1,5 @@
-mod calibration;
-mod colour_difference;
-mod control_losses;
-mod copies;
-mod cross_examination;
-mod decoder;
-mod edits;
-mod embedding;
-mod evidence;
-pub(crate) mod forgery;
-mod gate;
-mod general;
-mod id_code;
+//! The owner's mark: key, extractor, embedding.
+
+mod embed;
+mod extractor;
 pub(crate) mod key;
-mod ladder;
-mod message;
-mod metrics;
-mod mixing;
-mod null;
-mod other_owners;
-mod prf;
-pub(crate) mod receipt;
-mod scatter;
-mod spread;
-mod statistics;
-mod tmsd;
-mod tokens;
-mod watching;

@@ -1,41 +1,12 @@
 //! A clip in memory: frames of one size from a folder of pictures or a video file.
 
-use std::num::NonZeroU32;
 use std::path::Path;
 
-use super::frames::Frame;
-use super::source::{Ending, FrameSource, ReadOptions};
-use crate::EngineError;
-use crate::watermark::digest::Digest;
-
-/// Whether a video decoded without complaint.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Integrity {
-    /// It did, or the source was a folder of pictures.
-    Intact,
-    /// The decoder reported errors and went on; frames may be concealed or missing.
-    Damaged {
-        /// The decoder's own words.
-        messages: String,
-    },
-}
-
-/// Frames per second as a fraction.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FrameRate {
-    /// Frames.
-    pub frames: NonZeroU32,
-    /// Per this many seconds.
-    pub seconds: NonZeroU32,
-}
-
-impl FrameRate {
-    /// Whole frames per second.
-    #[must_use]
-    pub const fn per_second(frames: NonZeroU32) -> Self {
-        Self { frames, seconds: NonZeroU32::MIN }
-    }
-}
+use super::frames::{Frame, FrameRate, Integrity};
+use super::options::ReadOptions;
+use super::source::{Ending, FrameSource};
+use crate::base::digest::Digest;
+use crate::error::EngineError;
 
 /// Frames of one size; at least one.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -46,7 +17,7 @@ pub struct Clip {
 }
 
 impl Clip {
-    /// Takes frames that were rendered here, such as a null panel's clean render.
+    /// Takes frames that were rendered here, such as a control's clean render.
     ///
     /// # Errors
     /// [`EngineError::Usage`] for no frames or frames of different sizes.
@@ -101,7 +72,8 @@ impl Clip {
     }
 }
 
-/// Reads a folder of pictures or, through ffmpeg, a video file. All frames are kept; for long films, see [`FrameSource`].
+/// Reads a folder of pictures or, through ffmpeg, a video file. All frames are kept; for long videos, see
+/// [`FrameSource`].
 ///
 /// # Errors
 /// Those of [`FrameSource`]; [`EngineError::Usage`] if the frames exceed `max_bytes`.

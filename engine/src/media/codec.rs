@@ -1,4 +1,4 @@
-//! Video codecs and containers that films are written in.
+//! Codecs and containers that videos are written in.
 
 use std::fmt;
 use std::path::Path;
@@ -6,9 +6,9 @@ use std::process::{Command, Stdio};
 use std::str::FromStr;
 
 use super::ffmpeg::{Ffmpeg, failed, spawn};
-use crate::EngineError;
+use crate::error::EngineError;
 
-/// How a film is compressed.
+/// How a video is compressed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Codec {
     /// H.264, by x264.
@@ -23,7 +23,7 @@ pub enum Codec {
     Ffv1,
 }
 
-/// What holds the compressed film.
+/// What holds the compressed video.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Container {
     /// `.mp4`
@@ -58,8 +58,8 @@ impl Codec {
         matches!(self, Self::Ffv1)
     }
 
-    /// The constant rate factor taken by default: of H.264 the one that studies of this program use, of the others about the
-    /// same fidelity.
+    /// The constant rate factor taken by default: of H.264 the one that studies of this program use, of the others
+    /// about the same fidelity.
     #[must_use]
     pub const fn default_crf(self) -> Option<u8> {
         match self {
@@ -91,12 +91,12 @@ impl Codec {
         }
     }
 
-    /// What an encoder is told, besides the rate factor. Encoders that would write about their work are kept silent, because
-    /// whatever they say counts as an error.
+    /// What an encoder is told, besides the rate factor. Encoders that would write about their work are kept silent,
+    /// because whatever they say counts as an error.
     pub(super) fn arguments(encoder: &str) -> &'static [&'static str] {
         match encoder {
             "libx265" => &["-x265-params", "log-level=error"],
-            // Without a speed, libaom takes minutes for a second of film; with rate 0 the factor alone decides.
+            // Without a speed, libaom takes minutes for a second of video; with rate 0 the factor alone decides.
             "libaom-av1" => &["-b:v", "0", "-cpu-used", "6", "-row-mt", "1"],
             "libvpx-vp9" => &["-b:v", "0", "-cpu-used", "2", "-row-mt", "1"],
             "ffv1" => &["-level", "3", "-g", "1", "-slicecrc", "1"],

@@ -7,11 +7,11 @@ use std::process::{ChildStdout, Command, Stdio};
 
 use serde::Deserialize;
 
-use super::clip::{FrameRate, Integrity};
 use super::ffmpeg::{Ffmpeg, file_argument, spawn};
-use super::frames::Frame;
-use super::source::ReadOptions;
-use crate::EngineError;
+use super::frames::{Frame, FrameRate, Integrity, MAX_SIDE_PX};
+use super::options::ReadOptions;
+use crate::base::files::bad_data;
+use crate::error::EngineError;
 
 /// Fewest lines at which untagged video is taken for BT.709 rather than BT.601.
 const HD_LINES: u32 = 720;
@@ -23,14 +23,11 @@ const MAX_HEADER_LINE: u64 = 128;
 const ENTRIES: &str = "stream=codec_name,width,height,pix_fmt,color_range,color_space,avg_frame_rate,nb_frames:\
                        stream_tags=alpha_mode,ALPHA_MODE:format=duration";
 
-/// More frames than any film has; an estimate beyond is a broken header.
+/// More frames than any video has; an estimate beyond is a broken header.
 const MAX_ESTIMATE: f64 = 1e9;
 
 /// How swscale is asked to compute: exactly rounded, and without noise.
 const EXACTLY: &str = "sws_dither=none:flags=bicubic+accurate_rnd+full_chroma_int+full_chroma_inp";
-
-/// Largest frame side accepted; a corrupt header may claim anything.
-pub(super) const MAX_SIDE_PX: u32 = 16_384;
 
 #[derive(Deserialize)]
 struct Probe {
@@ -84,8 +81,8 @@ impl Stream {
         })
     }
 
-    /// The decoder to name, where the one that ffmpeg takes by itself drops the alpha channel: WebM stores it as a second
-    /// picture, which libvpx alone decodes.
+    /// The decoder to name, where the one that ffmpeg takes by itself drops the alpha channel: WebM stores it as a
+    /// second picture, which libvpx alone decodes.
     fn decoder(&self) -> Option<&'static str> {
         self.tags.alpha_mode.as_deref().filter(|mode| *mode == "1")?;
         match self.codec_name.as_deref()? {
@@ -96,10 +93,10 @@ impl Stream {
     }
 }
 
-/// Decodes a video's first video stream and hands over the frames that `options` ask for, each as stored: none is dropped
-/// or repeated for a constant rate. Range and matrix tags are honoured; untagged video is limited-range
-/// BT.601, or BT.709 from 720 lines. Rotation is applied, transparency laid over the background. Deeper video is rounded
-/// to 8 bits without dithering.
+/// Decodes a video's first video stream and hands over the frames that `options` ask for, each as stored: none is
+/// dropped or repeated for a constant rate. Range and matrix tags are honoured; untagged video is limited-range BT.601,
+/// or BT.709 from 720 lines. Rotation is applied, transparency laid over the background. Deeper video is rounded to 8
+/// bits without dithering.
 ///
 /// # Errors
 /// [`EngineError::BadData`] if nothing can be decoded, [`EngineError::Program`] without ffmpeg, and
@@ -183,12 +180,7 @@ pub(super) fn probe(path: &Path, ffmpeg: &Ffmpeg) -> Result<Stream, EngineError>
 
 pub(super) fn undecodable(path: &Path, field: &str, messages: &str) -> EngineError {
     let got = if messages.is_empty() { "nothing decodable" } else { messages };
-    EngineError::BadData {
-        path: path.to_path_buf(),
-        field: field.to_owned(),
-        got: got.to_owned(),
-        expected: "a video that ffmpeg can decode".to_owned(),
-    }
+    bad_data(path, field, got, "a video that ffmpeg can decode")
 }
 
 /// Names of planar and packed formats with an alpha plane.

@@ -1,17 +1,15 @@
-//! Films as video files, with exact colour tags.
+//! Frames as video files, with exact colour tags.
 
 use std::io::Write as _;
+use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 use std::process::{ChildStdin, Command, Stdio};
 
-use std::num::NonZeroU32;
-
-use super::clip::FrameRate;
 use super::codec::{Codec, Container};
 use super::ffmpeg::{Ffmpeg, Running, failed, file_argument, spawn};
-use super::frames::Frame;
-use crate::EngineError;
-use crate::output::{AtomicFile, Existing};
+use super::frames::{Frame, FrameRate};
+use crate::base::output::{AtomicFile, Existing};
+use crate::error::EngineError;
 
 /// What to do with an odd width or height, which 4:2:0 video cannot store.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -73,8 +71,8 @@ impl VideoWriter {
     ///
     /// # Errors
     /// [`EngineError::CannotCreate`] if `path` exists and may not be replaced, or its place is not writable;
-    /// [`EngineError::Usage`] for another extension, a codec that its container does not hold, odd sizes (see [`OddSize`])
-    /// or a bad crf; [`EngineError::Program`] without ffmpeg, or if it lacks the encoder.
+    /// [`EngineError::Usage`] for another extension, a codec that its container does not hold, odd sizes (see
+    /// [`OddSize`]) or a bad crf; [`EngineError::Program`] without ffmpeg, or if it lacks the encoder.
     pub fn start(path: &Path, size_px: (u32, u32), options: &EncodeOptions) -> Result<Self, EngineError> {
         let (container, codec, crf) = format(path, options)?;
         check_size(size_px, codec, options.odd_size)?;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::thread::JoinHandle;
 
-use crate::EngineError;
+use crate::error::EngineError;
 
 /// Most of a program's own words that are kept.
 const MAX_MESSAGE_BYTES: usize = 2000;

@@ -8,7 +8,8 @@ use image::ImageFormat;
 use super::ffmpeg::Ffmpeg;
 use super::frames::Frame;
 use super::open_exr;
-use crate::{EngineError, natural};
+use crate::base::natural;
+use crate::error::EngineError;
 
 /// A kind of picture file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,11 +42,12 @@ impl Kind {
     }
 }
 
-/// Pictures of a folder in natural order: `9.png` before `10.png`. Hidden files and files of other kinds are not looked at.
+/// Pictures of a folder in natural order: `9.png` before `10.png`. Hidden files and files of other kinds are not looked
+/// at.
 ///
 /// # Errors
-/// [`EngineError::MissingInput`] if the folder is missing, [`EngineError::BadData`] if it holds no picture or pictures of
-/// several kinds, of which none can be told to be the film; [`EngineError::Io`] if it cannot be listed.
+/// [`EngineError::MissingInput`] if the folder is missing, [`EngineError::BadData`] if it holds no picture or pictures
+/// of several kinds, of which none can be told to be the clip; [`EngineError::Io`] if it cannot be listed.
 pub fn list_pictures(folder: &Path) -> Result<Vec<PathBuf>, EngineError> {
     if !folder.is_dir() {
         let expected = "a folder of PNG, JPEG or OpenEXR frames".to_owned();
@@ -89,9 +91,9 @@ pub(super) fn pictures(folder: &Path) -> Result<Vec<(PathBuf, Kind)>, EngineErro
 
 /// Reads one picture of any depth; its extension says of what kind it is.
 ///
-/// PNG and JPEG: more than 8 bits are rounded, grey is repeated, transparency is laid over `background`; gamma, profiles and
-/// EXIF rotation are ignored. OpenEXR, which needs `ffmpeg`, holds light: what is above 1 is 1, and the rest goes through sRGB's
-/// transfer function and is rounded to 8 bits.
+/// PNG and JPEG: more than 8 bits are rounded, grey is repeated, transparency is laid over `background`; gamma,
+/// profiles and EXIF rotation are ignored. OpenEXR, which needs `ffmpeg`, holds light: what is above 1 is 1, and the
+/// rest goes through sRGB's transfer function and is rounded to 8 bits.
 ///
 /// # Errors
 /// [`EngineError::MissingInput`], [`EngineError::BadData`] if it is no picture of its kind, [`EngineError::Io`];

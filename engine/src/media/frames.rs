@@ -1,14 +1,11 @@
-//! 8-bit frames, and writing them as PNG files.
+//! 8-bit frames, and what is known of the clip that they are of.
 
-use std::fs;
-use std::io::Write as _;
-use std::path::Path;
+use std::num::NonZeroU32;
 
-use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder as _};
+use crate::error::EngineError;
 
-use super::folder::pictures;
-use crate::EngineError;
+/// Largest frame side accepted; a corrupt header may claim anything.
+pub(super) const MAX_SIDE_PX: u32 = 16_384;
 
 /// An 8-bit RGB picture, rows from top to bottom.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -118,49 +115,31 @@ fn round_to_u8(colour: f32) -> u8 {
     (colour.clamp(0.0, 1.0) * 255.0).round() as u8
 }
 
-/// Writes frames as `00000.png`, `00001.png`, … into a folder, which is created if need be.
-///
-/// # Errors
-/// [`EngineError::CannotCreate`] if the folder cannot be made or already holds pictures, which a reader
-/// would mix with the new ones; [`EngineError::Io`] if writing fails.
-pub fn write_png_folder(folder: &Path, frames: &[Frame]) -> Result<(), EngineError> {
-    prepare_png_folder(folder)?;
-    for (index, frame) in frames.iter().enumerate() {
-        write_png(&folder.join(png_name(index)), frame)?;
+/// Whether a video decoded without complaint.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Integrity {
+    /// It did, or the source was a folder of pictures.
+    Intact,
+    /// The decoder reported errors and went on; frames may be concealed or missing.
+    Damaged {
+        /// The decoder's own words.
+        messages: String,
+    },
+}
+
+/// Frames per second as a fraction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameRate {
+    /// Frames.
+    pub frames: NonZeroU32,
+    /// Per this many seconds.
+    pub seconds: NonZeroU32,
+}
+
+impl FrameRate {
+    /// Whole frames per second.
+    #[must_use]
+    pub const fn per_second(frames: NonZeroU32) -> Self {
+        Self { frames, seconds: NonZeroU32::MIN }
     }
-    Ok(())
-}
-
-/// Makes a folder ready for numbered frames.
-///
-/// # Errors
-/// [`EngineError::CannotCreate`] if it cannot be made or already holds pictures; [`EngineError::Io`] if it cannot be listed.
-pub fn prepare_png_folder(folder: &Path) -> Result<(), EngineError> {
-    let cannot = |reason: String| EngineError::CannotCreate { path: folder.to_path_buf(), reason };
-    fs::create_dir_all(folder).map_err(|error| cannot(error.to_string()))?;
-    if !pictures(folder)?.is_empty() {
-        return Err(cannot("the folder already holds pictures".to_owned()));
-    }
-    Ok(())
-}
-
-/// Name of a numbered frame.
-#[must_use]
-pub fn png_name(index: usize) -> String {
-    format!("{index:05}.png")
-}
-
-/// Writes one PNG; never over an existing file.
-///
-/// # Errors
-/// [`EngineError::CannotCreate`] if it exists or cannot be made, [`EngineError::Io`] if writing fails.
-pub fn write_png(path: &Path, frame: &Frame) -> Result<(), EngineError> {
-    let file = fs::File::create_new(path)
-        .map_err(|error| EngineError::CannotCreate { path: path.to_path_buf(), reason: error.to_string() })?;
-    let mut out = std::io::BufWriter::new(file);
-    PngEncoder::new(&mut out)
-        .write_image(&frame.rgb, frame.width, frame.height, ExtendedColorType::Rgb8)
-        .map_err(std::io::Error::other)
-        .and_then(|()| out.flush())
-        .map_err(|source| EngineError::Io { path: path.to_path_buf(), source })
 }

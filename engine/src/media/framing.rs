@@ -1,4 +1,4 @@
-//! What part of a film's frames is the picture: known parts, bars, and stretching.
+//! What part of a video's frames is the picture: known parts, bars, and stretching.
 
 use std::str::FromStr;
 
@@ -6,9 +6,8 @@ use image::RgbImage;
 use image::imageops::{FilterType, resize};
 use serde::Serialize;
 
-use super::decode::MAX_SIDE_PX;
-use super::frames::Frame;
-use crate::EngineError;
+use super::frames::{Frame, MAX_SIDE_PX};
+use crate::error::EngineError;
 
 /// A part of a frame, in pixels from its upper left corner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -29,8 +28,8 @@ pub enum Crop {
     /// All of it.
     #[default]
     Whole,
-    /// What lies between bars, if [`BarFinder`] finds any. It looks at pictures alone, never at a key: one clip is read in one
-    /// way, so that a p-value needs no correction for a search.
+    /// What lies between bars, if [`BarFinder`] finds any. It looks at pictures alone, never at a key: one clip is read
+    /// in one way, so that a p-value needs no correction for a search.
     Auto,
     /// This part. Whoever tries several parts has to multiply the p-value by their number.
     Region(Rect),
@@ -101,8 +100,8 @@ impl Frame {
     }
 }
 
-/// Largest mean distance of a line of a bar from the bar's luma, in levels of 8 bits. Codecs add up to 4 next to the picture
-/// and less elsewhere (measured: H.264, H.265, VP9 and AV1 at the factors that videos of the web have).
+/// Largest mean distance of a line of a bar from the bar's luma, in levels of 8 bits. Codecs add up to 4 next to the
+/// picture and less elsewhere (measured: H.264, H.265, VP9 and AV1 at the factors that videos of the web have).
 const BAR_NOISE: f64 = 4.0;
 /// Distance from the bar's luma, in levels, from which a pixel surely belongs to a picture.
 const PICTURE_LEVELS: f64 = 24.0;
@@ -110,7 +109,8 @@ const PICTURE_LEVELS: f64 = 24.0;
 const EDGE_SHARE: f64 = 0.5;
 /// Most lines between a quiet bar and a picture's outermost line: codecs ring over so many.
 const BLURRED_LINES: usize = 2;
-/// Most lines by which the two bars differ: one where the picture's size is odd, and one more where chroma has half the resolution.
+/// Most lines by which the two bars differ: one where the picture's size is odd, and one more where chroma has half the
+/// resolution.
 const BAR_DIFFERENCE: usize = 2;
 /// Fewest lines of a bar; thinner ones are edges of a codec or a scanner, which do no harm.
 const MIN_BAR: usize = 2;
@@ -121,11 +121,12 @@ const CORNER_PX: u32 = 4;
 
 /// Finds bars above and below a picture, or left and right of it, from pictures alone.
 ///
-/// A bar is where all lines of all frames have one luma. (Colour would not do: video has chroma of half resolution, which
-/// bleeds into bars.) That alone would eat a dark scene's background, so bars count only in pairs of the same width, and only
-/// where a picture begins with a straight edge: its outermost line differs clearly from the bar in half of its pixels, in one
-/// frame at least. A thing rendered over black has no such edge, nor a picture that fades to black at its borders; nothing is
-/// cut off then. A film over black within black bars cannot be told from one without: its bars have to be named.
+/// A bar is where all lines of all frames have one luma. (Colour would not do: video has chroma of half resolution,
+/// which bleeds into bars.) That alone would eat a dark scene's background, so bars count only in pairs of the same
+/// width, and only where a picture begins with a straight edge: its outermost line differs clearly from the bar in half
+/// of its pixels, in one frame at least. A thing rendered over black has no such edge, nor a picture that fades to
+/// black at its borders; nothing is cut off then. A video over black within black bars cannot be told from one without:
+/// its bars have to be named.
 #[derive(Clone, Debug, Default)]
 pub struct BarFinder {
     /// Mean luma of the corners of the first frame.

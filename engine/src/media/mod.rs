@@ -1,4 +1,4 @@
-//! Frames as the world sees them: 8-bit pictures in folders and video files.
+//! Frames as the world sees them: 8-bit pictures, alone, in clips, in folders and in video files.
 
 pub mod clip;
 pub mod codec;
@@ -9,8 +9,11 @@ pub mod folder;
 pub mod frames;
 pub mod framing;
 mod open_exr;
+pub mod options;
+pub mod png;
 pub mod source;
 
-pub use clip::{Clip, Integrity, read_clip};
-pub use frames::Frame;
-pub use source::{FrameSource, ReadOptions};
+pub use clip::{Clip, read_clip};
+pub use frames::{Frame, Integrity};
+pub use options::ReadOptions;
+pub use source::FrameSource;

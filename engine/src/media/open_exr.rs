@@ -4,24 +4,24 @@ use std::io::Read as _;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use super::decode::{MAX_SIDE_PX, Stream, probe, undecodable};
+use super::decode::{Stream, probe, undecodable};
 use super::ffmpeg::{Ffmpeg, file_argument, spawn};
-use super::frames::Frame;
-use crate::EngineError;
+use super::frames::{Frame, MAX_SIDE_PX};
+use crate::error::EngineError;
 
 /// ffmpeg's name of planes G, B, R and alpha in 32-bit floats.
 const WITH_ALPHA: &str = "gbrapf32le";
 /// The same without alpha.
 const OPAQUE: &str = "gbrpf32le";
 
-/// Reads an OpenEXR picture with 8-bit sRGB code values, as a viewer shows it without exposure: light above 1 is 1, colours
-/// go through the sRGB transfer function (IEC 61966-2-1) and are rounded. Colours count as those of BT.709, whatever
-/// primaries the file names. Alpha is associated with the colours, as the format has it: the picture is laid over
-/// `background` in linear light.
+/// Reads an OpenEXR picture with 8-bit sRGB code values, as a viewer shows it without exposure: light above 1 is 1,
+/// colours go through the sRGB transfer function (IEC 61966-2-1) and are rounded. Colours count as those of BT.709,
+/// whatever primaries the file names. Alpha is associated with the colours, as the format has it: the picture is laid
+/// over `background` in linear light.
 ///
 /// # Errors
-/// [`EngineError::MissingInput`], [`EngineError::BadData`] if it is no OpenEXR picture, [`EngineError::NotFinite`] for a
-/// sample that is NaN, [`EngineError::Program`] without ffmpeg.
+/// [`EngineError::MissingInput`], [`EngineError::BadData`] if it is no OpenEXR picture, [`EngineError::NotFinite`] for
+/// a sample that is NaN, [`EngineError::Program`] without ffmpeg.
 pub(super) fn read(path: &Path, background: [u8; 3], ffmpeg: &Ffmpeg) -> Result<Frame, EngineError> {
     if !path.is_file() {
         return Err(EngineError::MissingInput { path: path.to_path_buf(), expected: "an OpenEXR file".to_owned() });

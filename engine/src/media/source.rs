@@ -3,57 +3,15 @@
 use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 
-use super::clip::{FrameRate, Integrity};
 use super::decode::{self, Stream};
-use super::ffmpeg::Ffmpeg;
 use super::folder::{list_pictures, read_picture};
-use super::frames::Frame;
-use super::framing::{BarFinder, Crop, Framing, Rect};
-use crate::EngineError;
+use super::frames::{Frame, FrameRate, Integrity};
+use super::framing::{BarFinder, Crop, Rect};
+use super::options::ReadOptions;
+use crate::error::EngineError;
 
-/// Frames that are looked at for bars, spread over the film.
+/// Frames that are looked at for bars, spread over the clip.
 const BAR_SAMPLES: u32 = 16;
-
-/// How to read a clip.
-#[derive(Clone, Debug)]
-pub struct ReadOptions {
-    /// Programs for video files.
-    pub ffmpeg: Ffmpeg,
-    /// Colour behind transparent pixels.
-    pub background: [u8; 3],
-    /// First frame to read, counted from 0. Frames of a video before it are decoded, as others need them, and dropped at once.
-    pub start: u32,
-    /// One of so many frames is read, beginning with the first.
-    pub every: NonZeroU32,
-    /// Most frames to read; none reads all.
-    pub max_frames: Option<NonZeroU32>,
-    /// Most bytes of decoded samples that a [`super::Clip`] holds; those who take frames one after the other hold what they like.
-    pub max_bytes: u64,
-    /// What part of the frames is the picture.
-    pub framing: Framing,
-}
-
-impl Default for ReadOptions {
-    fn default() -> Self {
-        Self {
-            ffmpeg: Ffmpeg::default(),
-            background: [0; 3],
-            start: 0,
-            every: NonZeroU32::MIN,
-            max_frames: None,
-            max_bytes: 4 << 30,
-            framing: Framing::default(),
-        }
-    }
-}
-
-impl ReadOptions {
-    /// How many of `total` frames are read.
-    fn count(&self, total: u64) -> u64 {
-        let count = total.saturating_sub(u64::from(self.start)).div_ceil(u64::from(self.every.get()));
-        self.max_frames.map_or(count, |most| count.min(u64::from(most.get())))
-    }
-}
 
 /// What is known of a clip when its frames have been read.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -88,8 +46,9 @@ impl FrameSource {
     /// Looks at a folder of pictures or, through ffprobe, at a video file. [`Crop::Auto`] reads some frames of it.
     ///
     /// # Errors
-    /// [`EngineError::MissingInput`] for a missing path; [`EngineError::BadData`] for a folder without pictures of one kind and
-    /// a file without a video stream; [`EngineError::Program`] without ffmpeg; those of [`Self::for_each`] for [`Crop::Auto`].
+    /// [`EngineError::MissingInput`] for a missing path; [`EngineError::BadData`] for a folder without pictures of one
+    /// kind and a file without a video stream; [`EngineError::Program`] without ffmpeg; those of [`Self::for_each`] for
+    /// [`Crop::Auto`].
     pub fn open(path: &Path, options: &ReadOptions) -> Result<Self, EngineError> {
         let kind = if path.is_dir() {
             Kind::Folder(list_pictures(path)?)
@@ -144,9 +103,9 @@ impl FrameSource {
     /// Hands over frame after frame.
     ///
     /// # Errors
-    /// [`EngineError::BadData`] for a clip without frames where they were looked for, for frames of different sizes and for
-    /// anything undecodable; [`EngineError::Usage`] for a part of frames that is not inside; [`EngineError::Program`] without
-    /// ffmpeg; and whatever `each` returns, which stops the reading.
+    /// [`EngineError::BadData`] for a clip without frames where they were looked for, for frames of different sizes and
+    /// for anything undecodable; [`EngineError::Usage`] for a part of frames that is not inside;
+    /// [`EngineError::Program`] without ffmpeg; and whatever `each` returns, which stops the reading.
     pub fn for_each(&self, each: &mut dyn FnMut(Frame) -> Result<(), EngineError>) -> Result<Ending, EngineError> {
         let mut ending = self.read(&self.options, &mut |frame| each(self.framed(frame)?))?;
         if let Some(Rect { width, height, .. }) = self.cut {
@@ -183,7 +142,8 @@ impl FrameSource {
         })?;
         let found = finder.find();
         if found.is_none() {
-            tracing::warn!(path = %self.path.display(), "no bars found; whole frames are read (--crop X,Y,W,H cuts by hand)");
+            let path = self.path.display();
+            tracing::warn!(%path, "no bars found; whole frames are read (--crop X,Y,W,H cuts by hand)");
         }
         Ok(found)
     }

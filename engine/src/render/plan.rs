@@ -1,4 +1,4 @@
-//! The constant part of one frame.
+//! The part of one frame that no colour changes.
 
 use std::sync::Arc;
 

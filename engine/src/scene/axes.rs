@@ -17,8 +17,8 @@ const ODD_IN: [[bool; 3]; SH_FLOATS / CHANNELS] = {
 
 /// A half turn about a coordinate axis, which is its own inverse.
 ///
-/// Captures come with y down and z forward (PLY and what is made from it). SPZ turns them about x, so that y is up and z
-/// backward (RUB, its README); glTF about z, so that y is up and z forward (LUF, ibid.).
+/// Captures come with y down and z forward (PLY and what is made from it). SPZ turns them about x, so that y is up and
+/// z backward (RUB, its README); glTF about z, so that y is up and z forward (LUF, ibid.).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HalfTurn {
     /// y and z change their sign.

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use super::gaussians::MAX_SH_DEGREE;
 use super::literal::{Literal, parse_namespace};
-use super::{bad_data, read_file};
+use crate::base::files::{bad_data, read_file};
 use crate::error::EngineError;
 
 /// Longest file that is read; a full upstream namespace is about 4 KiB.

@@ -3,11 +3,11 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use super::bad_data;
 use super::cfg_args::{DEFAULT_BOUNDS, DeformConfig};
 use super::gaussians::{MAX_SH_DEGREE, SH_FLOATS};
-use super::pth::{Tensor, TensorData};
+use crate::base::files::bad_data;
 use crate::error::EngineError;
+use crate::scene::pth::{Tensor, TensorData};
 
 /// Coordinate pairs (a, b) of the six planes in file order; 0, 1, 2 are x, y, z and 3 is t.
 ///

@@ -1,6 +1,6 @@
 //! The canonical splats of a scene, as stored: before any activation.
 
-use super::narrow;
+use crate::base::numbers::narrow;
 use crate::error::EngineError;
 
 /// Highest SH degree that a splat can store.
@@ -59,8 +59,8 @@ impl Gaussians {
         self.means.is_empty()
     }
 
-    /// Whether the splat of row `row` can be drawn: all values are finite, and so are its standard deviations. A rotation of
-    /// length zero is none, as in the renderers that such splats come from.
+    /// Whether the splat of row `row` can be drawn: all values are finite, and so are its standard deviations. A
+    /// rotation of length zero is none, as in the renderers that such splats come from.
     #[must_use]
     pub fn is_sound(&self, row: usize) -> bool {
         let scales = self.scales[row].into_iter().chain(self.scales[row].map(f32::exp));

@@ -1,9 +1,9 @@
-//! Most of what a file may ask for. Each is far above what real files hold, so that a damaged or hostile one is told apart
-//! before memory is taken for it.
+//! Most of what a file may ask for. Each is far above what real files hold, so that a damaged or hostile one is told
+//! apart before memory is taken for it.
 
 use std::path::Path;
 
-use super::bad_data;
+use crate::base::files::bad_data;
 use crate::error::EngineError;
 
 /// Most splats of a scene; the largest captures published have a tenth of that.
@@ -24,7 +24,8 @@ pub const MAX_JSON_BYTES: usize = 16 << 20;
 /// Most moments of a sequence.
 pub const MAX_MOMENTS: usize = 10_000;
 
-/// Refuses a splat count that a file of `file_bytes` bytes cannot hold when each splat takes at least `bytes_per_splat`.
+/// Refuses a splat count that a file of `file_bytes` bytes cannot hold when each splat takes at least
+/// `bytes_per_splat`.
 ///
 /// # Errors
 /// [`EngineError::BadData`] naming `field`.

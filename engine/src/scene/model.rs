@@ -6,20 +6,21 @@ use std::path::{Path, PathBuf};
 use super::cfg_args::DeformConfig;
 use super::deformation::{DeformationWeights, derive_config};
 use super::folder::{has_splat_extension, list};
-use super::formats::KNOWN;
 use super::gaussians::Gaussians;
 use super::motion::Motion;
-use super::ply::encode;
-use super::pth::{PthContent, Tensor};
 use super::sequence::{self, Take};
 use super::source::{Opened, SplatSource};
 use super::warp::{WarpWeights, has_white_background};
-use super::{bad_data, read_file};
+use crate::base::digest::Digest;
+use crate::base::files::{bad_data, read_file};
 use crate::error::EngineError;
-use crate::watermark::digest::Digest;
+use crate::scene::formats::KNOWN;
+use crate::scene::ply::encode;
+use crate::scene::pth::{PthContent, Tensor};
 
 const CFG_ARGS: &str = "cfg_args";
-const POINT_CLOUD: &str = "point_cloud";
+/// Folder of a trainer's output that holds the splats.
+pub(super) const POINT_CLOUD: &str = "point_cloud";
 const ITERATION: &str = "iteration_";
 const PLY_NAME: &str = "point_cloud.ply";
 const DEFORMATION: &str = "deformation.pth";
@@ -56,8 +57,8 @@ pub struct Model {
 enum Layout {
     /// A file on its own.
     Static,
-    /// An output folder of a trainer and the folders below it that are in use, relative to it: that of point clouds, the
-    /// iteration with the splats, and those of a network elsewhere.
+    /// An output folder of a trainer and the folders below it that are in use, relative to it: that of point clouds,
+    /// the iteration with the splats, and those of a network elsewhere.
     Folder { root: PathBuf, parts: Vec<PathBuf> },
     /// A folder with a file for each moment.
     Sequence { root: PathBuf },
@@ -75,7 +76,8 @@ pub struct Written {
 }
 
 impl Model {
-    /// Loads a folder of 4DGaussians or Deformable-3DGS (its largest iterations), a folder with a file of splats for each moment, or one such file.
+    /// Loads a folder of 4DGaussians or Deformable-3DGS (its largest iterations), a folder with a file of splats for
+    /// each moment, or one such file.
     ///
     /// # Errors
     /// [`EngineError::MissingInput`] and [`EngineError::Io`] naming the file, [`EngineError::BadData`] naming file and

@@ -17,8 +17,8 @@ pub enum Motion {
     Warp(Box<WarpWeights>),
     /// A path for each splat (`SpacetimeGaussians`).
     Paths(Trajectories),
-    /// Splats for each moment, as many each time, the first moment's being the scene's own; the nearest one is shown. Colours
-    /// differ from the scene's by an offset that all moments have in common.
+    /// Splats for each moment, as many each time, the first moment's being the scene's own; the nearest one is shown.
+    /// Colours differ from the scene's by an offset that all moments have in common.
     Sequence(Vec<Gaussians>),
 }
 

@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use super::bad_data;
 use super::folder::{has_splat_extension, list};
 use super::gaussians::Gaussians;
 use super::limits::MAX_MOMENTS;
 use super::source::{Opened, SplatSource};
+use crate::base::files::bad_data;
+use crate::base::natural;
 use crate::error::EngineError;
-use crate::natural;
 
 /// A folder's moments, their files, and what there is to say about these.
 #[derive(Default)]
@@ -21,8 +21,8 @@ pub(super) struct Take {
 /// Opens the files of `root` that hold splats, in the order of the numbers in their names.
 ///
 /// # Errors
-/// [`EngineError::MissingInput`] when there are none; [`EngineError::BadData`] when they do not all have the same splats: one
-/// offset for all moments needs rows that mean the same in each.
+/// [`EngineError::MissingInput`] when there are none; [`EngineError::BadData`] when they do not all have the same
+/// splats: one offset for all moments needs rows that mean the same in each.
 pub(super) fn open(root: &Path) -> Result<Take, EngineError> {
     let mut names: Vec<PathBuf> = list(root)?.into_iter().filter(|name| has_splat_extension(name)).collect();
     names.sort_by_cached_key(|name| natural::key(&name.to_string_lossy()));

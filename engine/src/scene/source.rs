@@ -7,12 +7,12 @@ use rayon::prelude::*;
 use super::formats::glb::GlbFile;
 use super::formats::splatv::SplatvFile;
 use super::formats::spz::SpzFile;
-use super::formats::{Format, import};
 use super::gaussians::{CHANNELS, Gaussians};
-use super::ply::{PlyFile, encode};
 use super::trajectories::Trajectories;
-use super::{bad_data, read_file};
+use crate::base::files::{bad_data, read_file};
 use crate::error::EngineError;
+use crate::scene::formats::{Format, import};
+use crate::scene::ply::{PlyFile, encode};
 
 /// Splats with the file that they came from.
 #[derive(Clone, Debug)]
@@ -47,13 +47,14 @@ impl SplatSource {
     /// a warning; a copy with new colours has them untouched.
     ///
     /// # Errors
-    /// [`EngineError::MissingInput`], [`EngineError::Io`]; [`EngineError::BadData`] naming the field that is wrong, or when
-    /// no splat is left.
+    /// [`EngineError::MissingInput`], [`EngineError::Io`]; [`EngineError::BadData`] naming the field that is wrong, or
+    /// when no splat is left.
     pub(super) fn open(path: &Path) -> Result<Opened, EngineError> {
         Self::parse(path, read_file(path, "a file of Gaussian splats")?)
     }
 
-    /// Reads a file whose copies are to be of its own format, also where that rounds colours: SPZ. Others are read as ever.
+    /// Reads a file whose copies are to be of its own format, also where that rounds colours: SPZ. Others are read as
+    /// ever.
     ///
     /// # Errors
     /// As [`SplatSource::open`].

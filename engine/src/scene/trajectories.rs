@@ -1,5 +1,5 @@
-//! Splats that move along polynomials of time and appear for a while: `SpacetimeGaussians` (Li et al. 2024), the variant
-//! "lite", whose colours are plain RGB.
+//! Splats that move along polynomials of time and appear for a while: `SpacetimeGaussians` (Li et al. 2024), the
+//! variant "lite", whose colours are plain RGB.
 
 /// Coefficients of the position's polynomial: of the first, second and third power of time, x, y, z each.
 pub const MOTION_FLOATS: usize = 9;

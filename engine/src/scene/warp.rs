@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use super::bad_data;
 use super::deformation::{Linear, StateDict};
 use super::literal::{Literal, parse_namespace};
-use super::pth::Tensor;
+use crate::base::files::bad_data;
 use crate::error::EngineError;
+use crate::scene::pth::Tensor;
 
 /// Frequencies 2⁰, 2¹, … of the position's sines and cosines.
 pub const POSITION_FREQUENCIES: usize = 10;
@@ -43,8 +43,8 @@ pub enum PositionHead {
 pub struct WarpWeights {
     /// Two layers with a ReLU between them that the encoded time goes through first (`is_blender`).
     pub time_net: Option<[Linear; 2]>,
-    /// Layers with a ReLU behind each. The first takes encoded position and time, layer [`SKIP`] the same with the output
-    /// of the layer before behind it.
+    /// Layers with a ReLU behind each. The first takes encoded position and time, layer [`SKIP`] the same with the
+    /// output of the layer before behind it.
     pub layers: Vec<Linear>,
     /// What happens to positions.
     pub position: PositionHead,

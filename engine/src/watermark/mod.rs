@@ -1,37 +1,6 @@
-//! The owner's message: secrets, tokens, embedding, evidence and receipts.
+//! The owner's mark (Guard4D): key, extractor, embedding.
 
-pub mod calibration;
-pub mod capacity;
-pub mod colour_difference;
-pub mod cross_examination;
-pub mod decoder;
-mod decoder_training;
-pub mod delivery;
-pub mod digest;
-pub mod edits;
 pub mod embed;
-pub mod evaluate;
-pub mod evidence;
 pub mod extractor;
-pub mod forgery;
-pub mod gate;
-pub mod general;
-pub mod id_code;
-mod intake;
 pub mod key;
-mod matrix;
-pub mod message;
-pub mod metrics;
-pub mod mixing;
-pub mod null_panel;
-pub mod other_keys;
-pub mod per_bit;
-pub mod prf;
-pub mod reading;
-pub mod receipt;
-pub mod scatter;
-pub mod statistics;
-pub mod tmsd;
-pub mod tokens;
-pub mod undo;
-pub mod verify;
+pub mod step_part;

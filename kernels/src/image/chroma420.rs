@@ -1,10 +1,11 @@
 //! Chroma at half resolution, as video and JPEG files keep it.
 
 use super::colour_map::{ColourMap, transposed};
-use super::{expect_frames, frames_grid, two_maps};
+use super::frames::{expect_frames, frames_grid, two_maps};
+use crate::error::KernelError;
 use crate::registry::image::chroma420_apply;
 use crate::shape::ClipShape;
-use crate::{Buffer, KernelError, Recorder};
+use crate::vk::{Buffer, Recorder};
 
 const KERNEL: &str = "image/chroma420";
 
@@ -38,7 +39,7 @@ pub fn inverse(map: &ColourMap) -> ColourMap {
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.
 pub fn forward(rec: &mut Recorder, clip: ClipShape, x: &Buffer<f32>, y: &mut Buffer<f32>) -> Result<(), KernelError> {
-    apply(rec, clip, [&JFIF, &inverse(&JFIF)], (x, y))
+    apply(rec, clip, &JFIF, &inverse(&JFIF), x, y)
 }
 
 /// Gradient to the input of [`forward`].
@@ -56,14 +57,16 @@ pub fn backward(
     v_y: &Buffer<f32>,
     v_x: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
-    apply(rec, clip, [&transposed(&inverse(&JFIF)), &transposed(&JFIF)], (v_y, v_x))
+    apply(rec, clip, &transposed(&inverse(&JFIF)), &transposed(&JFIF), v_y, v_x)
 }
 
 fn apply(
     rec: &mut Recorder,
     clip: ClipShape,
-    [a, b]: [&ColourMap; 2],
-    (x, y): (&Buffer<f32>, &mut Buffer<f32>),
+    a: &ColourMap,
+    b: &ColourMap,
+    x: &Buffer<f32>,
+    y: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
     expect_frames(KERNEL, clip, [("x", x), ("y", y)])?;
     let params = two_maps!(chroma420_apply, clip, *a, *b);

@@ -1,9 +1,10 @@
 //! A linear map of colours.
 
-use crate::image::CHANNELS;
+use super::frames::CHANNELS;
+use crate::error::KernelError;
 use crate::registry::image::colour_map_apply;
 use crate::shape::{dim, expect_len};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "image/colour_map";
 

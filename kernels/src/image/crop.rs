@@ -1,11 +1,12 @@
 //! Windows of a clip as a convolution takes them: normalised, and with the pixels of a stride stacked.
 
-use crate::image::CHANNELS;
-use crate::image::normalize::Normalization;
-use crate::image::resize::ImageSize;
+use super::frames::CHANNELS;
+use super::normalize::Normalization;
+use super::resize::ImageSize;
+use crate::error::KernelError;
 use crate::registry::image::{crop_bwd, crop_fwd};
 use crate::shape::{dim, dim_signed, require_len};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "image/crop";
 
@@ -58,13 +59,25 @@ pub struct Crop {
     pub cells: Cells,
 }
 
+/// Which way a pass goes, and so what its buffers are called.
+#[derive(Clone, Copy)]
+enum Direction {
+    Forward,
+    Backward,
+}
+
+impl Direction {
+    /// Names of the clip and of the cells.
+    fn names(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Forward => ("x", "y"),
+            Self::Backward => ("v_x", "v_y"),
+        }
+    }
+}
+
 impl Crop {
-    fn check(
-        &self,
-        clip: (&'static str, usize),
-        cells: (&'static str, usize),
-        first: usize,
-    ) -> Result<(), KernelError> {
+    fn check(&self, kind: Direction, clip: &Buffer<f32>, cells: &Buffer<f32>, first: usize) -> Result<(), KernelError> {
         let Window { frame, frames, corner, size, full } = self.window;
         if corner[0] + size.height > full.height || corner[1] + size.width > full.width {
             return Err(KernelError::Shape {
@@ -74,8 +87,9 @@ impl Crop {
                 expected: format!("within {full:?}"),
             });
         }
-        require_len(KERNEL, clip.0, clip.1, (frame + frames) * full.height * full.width * CHANNELS)?;
-        require_len(KERNEL, cells.0, cells.1, self.cells.len(first + frames))
+        let (clip_name, cells_name) = kind.names();
+        require_len(KERNEL, clip_name, clip.len(), (frame + frames) * full.height * full.width * CHANNELS)?;
+        require_len(KERNEL, cells_name, cells.len(), self.cells.len(first + frames))
     }
 }
 
@@ -90,11 +104,13 @@ impl Crop {
 /// [`KernelError::Shape`] before anything is recorded.
 pub fn forward(
     rec: &mut Recorder,
-    (crop, by): (&Crop, &Normalization),
+    crop: &Crop,
+    by: &Normalization,
     x: &Buffer<f32>,
-    (y, y_frame): (&mut Buffer<f32>, usize),
+    y: &mut Buffer<f32>,
+    y_frame: usize,
 ) -> Result<(), KernelError> {
-    crop.check(("x", x.len()), ("y", y.len()), y_frame)?;
+    crop.check(Direction::Forward, x, y, y_frame)?;
     let Crop { window, cells } = crop;
     let ([mean_r, mean_g, mean_b], [std_r, std_g, std_b]) = (by.mean, by.std);
     let total = cells.len(window.frames) / CHANNELS;
@@ -126,18 +142,20 @@ pub fn forward(
 /// Gradient to the clip, which joins what is there.
 ///
 /// # Shapes
-/// in `v_y` \[frames, grid, grid, channels\] or longer · out `v_x` \[F, H, W, 4\] (+=) inside the window, fourth channel 0 there
+/// in `v_y` \[frames, grid, grid, channels\] or longer · out `v_x` \[F, H, W, 4\] (+=) inside the window, fourth
+/// channel 0 there
 /// # Determinism: bitwise; cells do not overlap, no atomics
 ///
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.
 pub fn backward(
     rec: &mut Recorder,
-    (crop, by): (&Crop, &Normalization),
+    crop: &Crop,
+    by: &Normalization,
     v_y: &Buffer<f32>,
     v_x: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
-    crop.check(("v_x", v_x.len()), ("v_y", v_y.len()), 0)?;
+    crop.check(Direction::Backward, v_x, v_y, 0)?;
     let Crop { window, cells } = crop;
     let [std_r, std_g, std_b] = by.std;
     let total = window.frames * window.size.height * window.size.width;

@@ -1,10 +1,11 @@
 //! The loss of a JPEG file, with a gradient that passes the rounding.
 
 use super::chroma420::{self, JFIF, inverse};
-use super::{expect_frames, frames_grid, two_maps};
+use super::frames::{expect_frames, frames_grid, two_maps};
+use crate::error::KernelError;
 use crate::registry::image::jpeg_fwd;
 use crate::shape::ClipShape;
-use crate::{Buffer, Device, KernelError, Recorder};
+use crate::vk::{Buffer, Device, Recorder};
 
 const KERNEL: &str = "image/jpeg";
 /// Pixels along a side of what is coded together: two blocks of luma, one of chroma.
@@ -53,8 +54,8 @@ impl JpegQuality {
 ///
 /// # Shapes
 /// in `x` \[F,H,W,4\] in \[0, 1\] · out `y` likewise (=), neither clamped nor rounded to 8 bits, fourth channel 0
-/// # Equation: baseline JPEG (ITU-T T.81) without its entropy coding, which loses nothing; chroma is averaged over quads and
-/// repeated, borders repeat the last pixel
+/// # Equation: baseline JPEG (ITU-T T.81) without its entropy coding, which loses nothing; chroma is averaged over
+/// quads and repeated, borders repeat the last pixel
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors
@@ -73,8 +74,8 @@ pub fn forward(
     rec.dispatch(jpeg_fwd::Bind { x, quant: &quality.steps, y }, params, grid)
 }
 
-/// Gradient to the input with the rounding taken for the identity (a straight-through estimate): what is left of the coder is
-/// the averaging of chroma, since the transform and its inverse cancel.
+/// Gradient to the input with the rounding taken for the identity (a straight-through estimate): what is left of the
+/// coder is the averaging of chroma, since the transform and its inverse cancel.
 ///
 /// # Shapes
 /// in `v_y` \[F,H,W,4\] · out `v_x` likewise (=), fourth channel 0

@@ -1,9 +1,10 @@
 //! Reproducible Gaussian noise on colours, then the clamp to \[0, 1\].
 
-use crate::image::CHANNELS;
+use super::frames::CHANNELS;
+use crate::error::KernelError;
 use crate::registry::image::{noise_bwd, noise_fwd};
 use crate::shape::{dim, expect_len};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "image/noise";
 

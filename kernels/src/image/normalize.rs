@@ -1,9 +1,10 @@
 //! Per-channel normalisation.
 
-use crate::image::CHANNELS;
+use super::frames::CHANNELS;
+use crate::error::KernelError;
 use crate::registry::image::{normalize_bwd, normalize_fwd};
 use crate::shape::{dim, expect_len};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "image/normalize";
 

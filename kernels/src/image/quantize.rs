@@ -1,9 +1,10 @@
 //! Rounding to 8 bits.
 
-use crate::image::CHANNELS;
+use super::frames::CHANNELS;
+use crate::error::KernelError;
 use crate::registry::image::quantize_round;
 use crate::shape::{dim, expect_len};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 /// Clamps to \[0, 1\] and rounds to multiples of 1/255, halves up. Training takes its gradient as the
 /// identity, so there is no backward pass.

@@ -1,9 +1,10 @@
 //! Antialiased bilinear resize of clips, and its adjoint.
 
-use super::{CHANNELS, frames_grid};
+use super::frames::{CHANNELS, frames_grid};
+use crate::error::KernelError;
 use crate::registry::image::resize_apply;
 use crate::shape::{dim_signed, expect_len};
-use crate::{Buffer, Device, KernelError, Recorder};
+use crate::vk::{Buffer, Device, Recorder};
 
 const KERNEL: &str = "image/resize";
 
@@ -126,7 +127,8 @@ pub struct ResizePlan {
     horizontal: Axis,
 }
 
-/// A Gaussian of `radius` taps on each side, normalised; beyond the border the picture is mirrored about its last pixel.
+/// A Gaussian of `radius` taps on each side, normalised; beyond the border the picture is mirrored about its last
+/// pixel.
 fn gaussian(n: usize, sigma: f64, radius: usize) -> Vec<Window> {
     let weight = |d: usize| (-0.5 * (d as f64 / sigma).powi(2)).exp();
     let total = weight(0) + 2.0 * (1..=radius).map(weight).sum::<f64>();
@@ -204,8 +206,8 @@ impl ResizePlan {
 pub struct Onward<'a> {
     /// Gradient `[F,H,W,4]` of other readers of the input, added.
     pub plus: Option<&'a Buffer<f32>>,
-    /// What the input was clamped to \[0, 1\] from, `[F,H,W,4]`: nothing passes where it lies outside, or is NaN. Both ends
-    /// pass, as in PyTorch's `clamp`.
+    /// What the input was clamped to \[0, 1\] from, `[F,H,W,4]`: nothing passes where it lies outside, or is NaN. Both
+    /// ends pass, as in PyTorch's `clamp`.
     pub clamped: Option<&'a Buffer<f32>>,
 }
 
@@ -280,7 +282,8 @@ pub fn backward(
     rec: &mut Recorder,
     plan: &ResizePlan,
     v_y: &Buffer<f32>,
-    (v_x, onward): (&mut Buffer<f32>, Onward<'_>),
+    v_x: &mut Buffer<f32>,
+    onward: Onward<'_>,
     scratch: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
     let frames = v_x.len() / (plan.from.height * plan.from.width * CHANNELS);

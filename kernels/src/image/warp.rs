@@ -1,9 +1,10 @@
 //! Affine warps of clips: rotation, crop, zoom.
 
-use super::{expect_frames, frames_grid};
+use super::frames::{expect_frames, frames_grid};
+use crate::error::KernelError;
 use crate::registry::image::{warp_bwd, warp_fwd};
 use crate::shape::{ClipShape, dim_signed};
-use crate::{Buffer, KernelError, Recorder};
+use crate::vk::{Buffer, Recorder};
 
 const KERNEL: &str = "image/warp";
 

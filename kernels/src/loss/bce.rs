@@ -1,8 +1,9 @@
 //! Objectives on message logits: BCE, margin, and the control losses.
 
+use crate::error::KernelError;
 use crate::registry::loss::{bce_bwd, bce_fwd};
 use crate::shape::dim;
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "loss/bce";
 /// Lavapipe 22.3 ends every loop of an invocation after 65,535 iterations.
@@ -68,30 +69,44 @@ pub struct Groups {
     pub bits: usize,
 }
 
+/// What the logits of all groups say, and what they should say.
+#[derive(Clone, Copy, Debug)]
+pub struct Answers<'a> {
+    /// How the logits are grouped.
+    pub groups: Groups,
+    /// `[G,R,L]`
+    pub logits: &'a Buffer<f32>,
+    /// `[L]`, or `[G,R,L]` where every row has its own; 0 or 1.
+    pub target: &'a Buffer<f32>,
+}
+
 impl Groups {
     fn per_group(self) -> usize {
         self.rows * self.bits
     }
+}
 
+impl Answers<'_> {
     /// Checks the buffers; returns the target's stride: 0 when every row has the same target.
-    fn check(self, logits: &Buffer<f32>, target: &Buffer<f32>, value: &Buffer<f32>) -> Result<u32, KernelError> {
-        let total = self.groups * self.per_group();
+    fn check(&self, value: &Buffer<f32>) -> Result<u32, KernelError> {
+        let Self { groups, logits, target } = self;
+        let total = groups.groups * groups.per_group();
         let shape = |buffer, got: usize, expected: String| {
             Err(KernelError::Shape { kernel: KERNEL, buffer, got: format!("[{got}]"), expected })
         };
-        if self.per_group() == 0 || self.per_group() > MAX_GROUP {
-            return shape("group", self.per_group(), format!("1 to {MAX_GROUP} logits"));
+        if groups.per_group() == 0 || groups.per_group() > MAX_GROUP {
+            return shape("group", groups.per_group(), format!("1 to {MAX_GROUP} logits"));
         }
         if logits.len() != total {
             return shape("logits", logits.len(), format!("[{total}]"));
         }
-        if value.len() != self.groups {
-            return shape("value", value.len(), format!("[{}]", self.groups));
+        if value.len() != groups.groups {
+            return shape("value", value.len(), format!("[{}]", groups.groups));
         }
         match target.len() {
-            n if n == self.bits => Ok(0),
+            n if n == groups.bits => Ok(0),
             n if n == total => Ok(1),
-            n => shape("target", n, format!("[{}] or [{total}]", self.bits)),
+            n => shape("target", n, format!("[{}] or [{total}]", groups.bits)),
         }
     }
 }
@@ -108,11 +123,11 @@ impl Groups {
 pub fn forward(
     rec: &mut Recorder,
     objective: Objective,
-    groups: Groups,
-    (logits, target): (&Buffer<f32>, &Buffer<f32>),
+    answers: &Answers<'_>,
     value: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
-    let target_stride = groups.check(logits, target, value)?;
+    let target_stride = answers.check(value)?;
+    let Answers { groups, logits, target } = *answers;
     let (code, margin, _) = objective.codes();
     let params = bce_fwd::Params {
         groups: dim(groups.groups),
@@ -136,13 +151,15 @@ pub fn forward(
 /// [`KernelError::Shape`] before anything is recorded.
 pub fn backward(
     rec: &mut Recorder,
-    (objective, weight): (Objective, f32),
-    groups: Groups,
-    (logits, target, value): (&Buffer<f32>, &Buffer<f32>, &Buffer<f32>),
+    objective: Objective,
+    weight: f32,
+    answers: &Answers<'_>,
+    value: &Buffer<f32>,
     v_logits: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
-    let target_stride = groups.check(logits, target, value)?;
-    groups.check(v_logits, target, value)?;
+    let target_stride = answers.check(value)?;
+    Answers { logits: v_logits, ..*answers }.check(value)?;
+    let Answers { groups, logits, target } = *answers;
     let (code, margin, eps) = objective.codes();
     let params = bce_bwd::Params {
         n: dim(logits.len()),

@@ -1,10 +1,11 @@
 //! One tap of LPIPS: the distance of two pictures' features, with its gradient.
 
-use crate::loss::Term;
-use crate::loss::sum::{LANES, PARTIALS_PER_GROUP, finish};
+use super::sum::{LANES, PARTIALS_PER_GROUP, finish};
+use super::term::Term;
+use crate::error::KernelError;
 use crate::registry::loss::lpips_step;
 use crate::shape::{dim, dim_signed, expect_len, require_len};
-use crate::{Buffer, Device, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Device, Grid, Recorder};
 
 const KERNEL: &str = "loss/lpips";
 /// Added to a feature's length before it divides (Zhang et al. 2018, version 0.1 of their code).
@@ -48,9 +49,11 @@ pub struct Tap<'a> {
 /// Value and gradient of one tap.
 ///
 /// # Shapes
-/// in `tap` · out `v_features` \[rows, channels\] (=) the gradient of the ReLU's input: where a feature is above 0, what was in
-/// `v_features` with [`Accumulate::Add`](crate::shape::Accumulate) plus the own gradient, else 0 · `term.values`, one element (=)
-/// # Equation: Σ w (x / (|x| + ε) − y / (|y| + ε))² / `mean_over` over pixels and channels (Zhang et al. 2018, eq. 1); ε = [`EPS`]
+/// in `tap` · out `v_features` \[rows, channels\] (=) the gradient of the ReLU's input: where a feature is above 0,
+/// what was in `v_features` with [`Accumulate::Add`](crate::shape::Accumulate) plus the own gradient, else 0 ·
+/// `term.values`, one element (=)
+/// # Equation: Σ w (x / (|x| + ε) − y / (|y| + ε))² / `mean_over` over pixels and channels (Zhang et al. 2018, eq. 1);
+/// ε = [`EPS`]
 /// # Determinism: bitwise; sums in a fixed order, no atomics
 ///
 /// # Errors
@@ -82,5 +85,5 @@ pub fn step(
     let bind =
         lpips_step::Bind { features, reference, weight, v_before: &before, v_features, partial: &mut sums.partial };
     rec.dispatch_spec(bind, params, spec, Grid::groups(dim(rows.div_ceil(LANES)), 1, 1))?;
-    finish(rec, (&sums.partial, 0..partials(rows)), mean, (term.values, term.slot))
+    finish(rec, &sums.partial, 0..partials(rows), mean, term.values, term.slot)
 }

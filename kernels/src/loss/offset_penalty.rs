@@ -1,10 +1,11 @@
 //! Penalty on SH offsets.
 
-use crate::loss::Term;
-use crate::loss::sum::{LANES, PARTIALS_PER_GROUP, PER_INVOCATION, SumScratch, finish};
+use super::sum::{LANES, PARTIALS_PER_GROUP, PER_INVOCATION, SumScratch, finish};
+use super::term::Term;
+use crate::error::KernelError;
 use crate::registry::loss::offset_penalty_step;
 use crate::shape::{OffsetBases, dim, expect_len};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "loss/offset_penalty";
 
@@ -47,7 +48,8 @@ impl Blocks {
 /// [`KernelError::Shape`] before anything is recorded.
 pub fn step(
     rec: &mut Recorder,
-    (offsets, blocks): (&Buffer<f32>, Blocks),
+    offsets: &Buffer<f32>,
+    blocks: Blocks,
     v_offsets: &mut Buffer<f32>,
     term: Term<'_>,
     scratch: &mut SumScratch,
@@ -88,5 +90,5 @@ pub fn step(
         let groups = texels.len().div_ceil(LANES * PER_INVOCATION as usize);
         rec.dispatch_spec(bind, params, spec, Grid::groups(dim(groups), 1, 1))?;
     }
-    finish(rec, (&scratch.partial, 0..groups * PARTIALS_PER_GROUP), 1.0, (term.values, term.slot))
+    finish(rec, &scratch.partial, 0..groups * PARTIALS_PER_GROUP, 1.0, term.values, term.slot)
 }

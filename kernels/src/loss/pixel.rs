@@ -1,14 +1,13 @@
 //! Mean squared and mean absolute difference of colours, in one pass.
 
-use crate::loss::sum::{PARTIALS_PER_GROUP, PER_INVOCATION, SumScratch, finish};
-use crate::loss::{PixelPair, Term};
+use super::sum::{PARTIALS_PER_GROUP, PER_INVOCATION, SumScratch, VALUES, finish};
+use super::term::{PixelPair, Term};
+use crate::error::KernelError;
 use crate::registry::loss::pixel_step;
 use crate::shape::dim;
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "loss/pixel";
-/// Values that [`step`] leaves, from its slot on: the mean square, then the mean absolute difference.
-pub const VALUES: usize = 2;
 
 /// Weights of both losses in the gradient.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,7 +31,8 @@ pub struct PixelWeights {
 /// [`KernelError::Shape`] before anything is recorded.
 pub fn step(
     rec: &mut Recorder,
-    (pair, weights): (&PixelPair<'_>, PixelWeights),
+    pair: &PixelPair<'_>,
+    weights: PixelWeights,
     v_image: Option<&mut Buffer<f32>>,
     term: Term<'_>,
     scratch: &mut SumScratch,
@@ -64,7 +64,7 @@ pub fn step(
     let partials = groups * PARTIALS_PER_GROUP;
     for value in 0..VALUES {
         let range = value * partials..(value + 1) * partials;
-        finish(rec, (&scratch.partial, range), mean, (&mut *term.values, term.slot + value))?;
+        finish(rec, &scratch.partial, range, mean, &mut *term.values, term.slot + value)?;
     }
     Ok(())
 }

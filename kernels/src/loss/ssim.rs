@@ -1,12 +1,13 @@
 //! Structural dissimilarity to a reference clip whose moments are kept, with its gradient.
 
+use super::sum::{LANES, PARTIALS_PER_GROUP, finish};
+use super::term::Term;
+use crate::error::KernelError;
 use crate::image::CHANNELS;
 use crate::image::resize::ImageSize;
-use crate::loss::Term;
-use crate::loss::sum::{LANES, PARTIALS_PER_GROUP, finish};
 use crate::registry::loss::{ssim_bwd, ssim_columns, ssim_fwd, ssim_reference, ssim_rows};
 use crate::shape::{dim, dim_signed, expect_len, require_len};
-use crate::{Buffer, Device, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Device, Grid, Recorder};
 
 const KERNEL: &str = "loss/ssim";
 /// Standard deviation of the window in pixels.
@@ -197,7 +198,7 @@ pub fn step(
         let bind = ssim_bwd::Bind { rows: &scratch.rows, x: clip, y: reference, v_before: &before, v_x: v_clip };
         rec.dispatch_spec(bind, params, spec, row_grid(size))?;
     }
-    finish(rec, (&scratch.partial, 0..partials(size) * frames), mean, (term.values, term.slot))
+    finish(rec, &scratch.partial, 0..partials(size) * frames, mean, term.values, term.slot)
 }
 
 /// Partial sums of one frame, and its vertically windowed slopes in `scratch.rows`.

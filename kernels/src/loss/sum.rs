@@ -2,10 +2,10 @@
 
 use std::ops::Range;
 
-use crate::loss::pixel::VALUES;
+use crate::error::KernelError;
 use crate::registry::loss::sum_finish;
 use crate::shape::{dim, require_len};
-use crate::{Buffer, Device, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Device, Grid, Recorder};
 
 /// Pixels or texels of one invocation of a loss kernel: long enough to hide a workgroup's start.
 pub(crate) const PER_INVOCATION: u32 = 16;
@@ -13,6 +13,9 @@ pub(crate) const PER_INVOCATION: u32 = 16;
 pub(crate) const LANES: usize = sum_finish::KERNEL.local_size[0] as usize;
 /// Partial sums of a workgroup: one per eight lanes.
 pub(crate) const PARTIALS_PER_GROUP: usize = LANES / 8;
+
+/// Values that a loss leaves at most, from its slot on: the mean square, then the mean absolute difference.
+pub const VALUES: usize = 2;
 
 /// Partial sums of one loss.
 #[derive(Debug)]
@@ -50,9 +53,11 @@ fn groups(n: usize) -> usize {
 /// [`KernelError::Shape`] before anything is recorded.
 pub fn finish(
     rec: &mut Recorder,
-    (partial, range): (&Buffer<f32>, Range<usize>),
+    partial: &Buffer<f32>,
+    range: Range<usize>,
     scale: f32,
-    (values, slot): (&mut Buffer<f32>, usize),
+    values: &mut Buffer<f32>,
+    slot: usize,
 ) -> Result<(), KernelError> {
     require_len("loss/sum", "partial", partial.len(), range.end)?;
     require_len("loss/sum", "values", values.len(), slot + 1)?;

@@ -1,8 +1,9 @@
 //! Pointwise activations.
 
-use super::{as_u32, expect_len, expect_multiple};
+use super::check::{as_u32, expect_len, expect_multiple};
+use crate::error::KernelError;
 use crate::registry::nn::{activation_bwd, activation_fwd};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "nn/activation";
 

@@ -1,13 +1,13 @@
 //! Multi-head attention without a score matrix in memory.
 
+use super::check::{as_i32, as_u32, expect_len, expect_multiple, shape_error};
 use super::pack::Precision;
-use super::{as_i32, as_u32, expect_len, expect_multiple, shape_error};
+use crate::error::KernelError;
 use crate::registry::nn::{
     attention_delta, attention_fwd, attention_fwd_coop, attention_fwd_tile, attention_vkv, attention_vkv_coop,
     attention_vkv_tile, attention_vq, attention_vq_coop, attention_vq_tile,
 };
-use crate::vk::Cooperation;
-use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder};
+use crate::vk::{Buffer, Cooperation, Device, Grid, KernelFamily, Recorder};
 
 const KERNEL: &str = "nn/attention";
 /// Queries or keys that one workgroup of the lane kernels computes: `TILE` of `glsl/lib/attention_tile.glsl`.
@@ -46,9 +46,10 @@ pub struct AttentionShape {
     pub keys: usize,
     /// Which keys a query sees.
     pub mask: Mask,
-    /// With [`Precision::Half`] the products come from cooperative matrices: their factors, so also probabilities and their
-    /// gradients, are rounded to 16-bit floats, gradients with a scale that they have in common, while sums and statistics
-    /// are 32-bit floats. A causal mask, a head of more than 64 elements, and anything but `Half` is 32-bit floats throughout.
+    /// With [`Precision::Half`] the products come from cooperative matrices: their factors, so also probabilities and
+    /// their gradients, are rounded to 16-bit floats, gradients with a scale that they have in common, while sums and
+    /// statistics are 32-bit floats. A causal mask, a head of more than 64 elements, and anything but `Half` is 32-bit
+    /// floats throughout.
     pub precision: Precision,
 }
 
@@ -59,8 +60,8 @@ impl AttentionShape {
         self.heads * self.head_dim
     }
 
-    /// The device's cooperative matrices where this layer takes them: by its precision, where the kernels have its mask and
-    /// head, and where the device's subgroups can share a workgroup's tile.
+    /// The device's cooperative matrices where this layer takes them: by its precision, where the kernels have its mask
+    /// and head, and where the device's subgroups can share a workgroup's tile.
     fn cooperation(&self, rec: &Recorder) -> Result<Option<Cooperation>, KernelError> {
         if self.precision != Precision::Half {
             return Ok(None);
@@ -209,8 +210,8 @@ impl Program {
     }
 }
 
-/// The programs of all three kernels share their sizes; only the module that the types come from differs, and what else the
-/// constants are.
+/// The programs of all three kernels share their sizes; only the module that the types come from differs, and what else
+/// the constants are.
 macro_rules! constants {
     ($module:ident, $shape:expr, $layout:expr, { $($size:ident: $value:expr),* }) => {{
         let (shape, layout): (&AttentionShape, &Layout) = ($shape, $layout);
@@ -252,16 +253,17 @@ fn head_scale(head_dim: usize) -> f32 {
 /// `attn = softmax(Q Kᵀ / √head_dim) V` per head.
 ///
 /// # Shapes
-/// in `inputs`, see [`Projections`] · out `attn` \[batch*queries, width\] (=) · `state.lse` \[batch, heads, queries\] (=)
+/// in `inputs`, see [`Projections`] · out `attn` \[batch*queries, width\] (=) · `state.lse` \[batch, heads, queries\]
+/// (=)
 /// # Equation: Vaswani et al. 2017, eq. 1; running maximum after Milakov & Gimelshein 2018
 /// # Determinism: bitwise; no atomics
 /// # Cost
-/// 4·batch·queries·keys·width operations; a tile of r queries reads all keys and values, so 8·batch·keys·width·queries/r
-/// bytes of memory or cache, r = 16 for lanes and 32 for tiles and cooperative matrices.
+/// 4·batch·queries·keys·width operations; a tile of r queries reads all keys and values, so
+/// 8·batch·keys·width·queries/r bytes of memory or cache, r = 16 for lanes and 32 for tiles and cooperative matrices.
 ///
 /// # Errors
-/// [`KernelError::Shape`] before anything is recorded; [`KernelError::Unsuitable`] for 16-bit floats on a device without
-/// cooperative matrices.
+/// [`KernelError::Shape`] before anything is recorded; [`KernelError::Unsuitable`] for 16-bit floats on a device
+/// without cooperative matrices.
 pub fn forward(
     rec: &mut Recorder,
     shape: &AttentionShape,
@@ -336,12 +338,12 @@ pub fn backward(
     delta(rec, shape, upstream, state)?;
     match grads {
         ProjectionGrads::Fused(v_qkv) => {
-            v_q(rec, (shape, &layout), upstream.v_attn, state, v_qkv)?;
-            v_kv(rec, (shape, &layout), upstream.v_attn, state, v_qkv)
+            v_q(rec, shape, &layout, upstream.v_attn, state, v_qkv)?;
+            v_kv(rec, shape, &layout, upstream.v_attn, state, v_qkv)
         }
         ProjectionGrads::Split { v_q: out_q, v_kv: out_kv } => {
-            v_q(rec, (shape, &layout), upstream.v_attn, state, out_q)?;
-            v_kv(rec, (shape, &layout), upstream.v_attn, state, out_kv)
+            v_q(rec, shape, &layout, upstream.v_attn, state, out_q)?;
+            v_kv(rec, shape, &layout, upstream.v_attn, state, out_kv)
         }
     }
 }
@@ -371,7 +373,8 @@ fn delta(
 
 fn v_q(
     rec: &mut Recorder,
-    (shape, layout): (&AttentionShape, &Layout),
+    shape: &AttentionShape,
+    layout: &Layout,
     v_attn: &Buffer<f32>,
     state: &AttentionState,
     v_q: &mut Buffer<f32>,
@@ -398,7 +401,8 @@ fn v_q(
 
 fn v_kv(
     rec: &mut Recorder,
-    (shape, layout): (&AttentionShape, &Layout),
+    shape: &AttentionShape,
+    layout: &Layout,
     v_attn: &Buffer<f32>,
     state: &AttentionState,
     v_kv: &mut Buffer<f32>,

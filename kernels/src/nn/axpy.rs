@@ -1,8 +1,9 @@
 //! The residual combination x + s·δ.
 
+use crate::error::KernelError;
 use crate::registry::nn::{axpy_bwd, axpy_fwd};
 use crate::shape::{dim, expect_len};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "nn/axpy";
 

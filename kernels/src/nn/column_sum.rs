@@ -1,8 +1,9 @@
 //! Sum over the rows of a matrix: the gradient of a bias.
 
-use super::{as_u32, expect_len, expect_multiple, shape_error};
+use super::check::{as_u32, expect_len, expect_multiple, shape_error};
+use crate::error::KernelError;
 use crate::registry::nn::column_sum_fwd;
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "nn/column_sum";
 /// Lavapipe 22.3 ends every loop of an invocation after 65,535 iterations.

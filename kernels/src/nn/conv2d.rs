@@ -1,14 +1,16 @@
 //! 2D convolution with square filters at stride 1: the product of an image's windows with the filters.
 //!
-//! The kernels are those of `nn/matmul`, whose variant `windows` takes the rows of its left operand from the image as it goes.
-//! A convolution with a larger stride becomes one of stride 1 when the pixels of a stride are stacked, see `image/crop`.
+//! The kernels are those of `nn/matmul`, whose variant `windows` takes the rows of its left operand from the image as
+//! it goes. A convolution with a larger stride becomes one of stride 1 when the pixels of a stride are stacked, see
+//! `image/crop`.
 
 use super::activation::Activation;
+use super::check::{expect_len, shape_error};
 use super::matmul::{Epilogue, Product, Windows, of_windows};
 use super::pack::{LANES, PackedWeight};
-use super::{expect_len, shape_error};
+use crate::error::KernelError;
 use crate::shape::require_len;
-use crate::{Buffer, Device, KernelError, Recorder};
+use crate::vk::{Buffer, Device, Recorder};
 
 const KERNEL: &str = "nn/conv2d";
 
@@ -129,7 +131,8 @@ impl Conv2d {
 /// [`KernelError::Shape`] before anything is recorded.
 pub fn forward(
     rec: &mut Recorder,
-    (conv, filters): (&Conv2d, &Filters),
+    conv: &Conv2d,
+    filters: &Filters,
     x: &Buffer<f32>,
     activation: Activation,
     y: &mut Buffer<f32>,
@@ -157,15 +160,16 @@ pub fn forward(
 ///
 /// # Shapes
 /// in `v_y` \[F, H', W', Co\] · `gate` \[F, H, W, Ci\] or longer · out `v_x` \[F, H, W, Ci\] (=)
-/// # Equation: the filters turned by 180° over `v_y`, zero where `gate` is not above 0: with `gate` = x behind a ReLU the
-/// gradient of that ReLU's input
+/// # Equation: the filters turned by 180° over `v_y`, zero where `gate` is not above 0: with `gate` = x behind a ReLU
+/// the gradient of that ReLU's input
 /// # Determinism: bitwise, as [`forward`]
 ///
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.
 pub fn backward(
     rec: &mut Recorder,
-    (conv, filters): (&Conv2d, &Filters),
+    conv: &Conv2d,
+    filters: &Filters,
     v_y: &Buffer<f32>,
     gate: Option<&Buffer<f32>>,
     v_x: &mut Buffer<f32>,

@@ -1,13 +1,13 @@
 //! 3×3×3 convolution over clips, stride 1, channels last, with its gradients.
 
 use super::pack::Precision;
+use crate::error::KernelError;
 use crate::registry::nn::{
     conv3d_bwd, conv3d_bwd_coop, conv3d_bwd_tile, conv3d_correlate, conv3d_correlate_tile, conv3d_fwd, conv3d_fwd_coop,
     conv3d_fwd_tile, conv3d_reduce, conv3d_transpose,
 };
 use crate::shape::{Accumulate, ClipShape, dim, dim_signed, expect_len};
-use crate::vk::Cooperation;
-use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder};
+use crate::vk::{Buffer, Cooperation, Device, Grid, KernelFamily, Recorder};
 
 /// Taps of the kernel.
 pub const TAPS: usize = 27;
@@ -94,9 +94,9 @@ pub struct Conv3d {
     pub bias: Bias,
     /// Output function.
     pub activation: Activation,
-    /// With [`Precision::Half`] the output and the gradient to the input come from cooperative matrices: factors are rounded
-    /// to 16-bit floats, gradients with a scale that they have in common, and sums are 32-bit floats. Anything else is
-    /// 32-bit floats throughout, as is the gradient to the weights.
+    /// With [`Precision::Half`] the output and the gradient to the input come from cooperative matrices: factors are
+    /// rounded to 16-bit floats, gradients with a scale that they have in common, and sums are 32-bit floats. Anything
+    /// else is 32-bit floats throughout, as is the gradient to the weights.
     pub precision: Precision,
 }
 
@@ -196,8 +196,8 @@ impl Conv3d {
         self.weight_len().div_ceil(4)
     }
 
-    /// The device's cooperative matrices where this layer takes them: by its precision, and where their subgroups can share
-    /// a workgroup's tile.
+    /// The device's cooperative matrices where this layer takes them: by its precision, and where their subgroups can
+    /// share a workgroup's tile.
     fn cooperation(&self, rec: &Recorder) -> Result<Option<Cooperation>, KernelError> {
         if self.precision != Precision::Half {
             return Ok(None);
@@ -257,13 +257,13 @@ fn block(texels: u32, most: u32) -> u32 {
 /// # Equation: y(t,y,x,o) = φ(b(o) + Σ w(o,i,dt,dy,dx) x(t+dt−1, y+dy−1, x+dx−1, i)), as PyTorch's `conv3d`
 /// # Determinism: bitwise; no atomics
 /// # Cost
-/// 54·F·H·W·Ci·Co operations. Per block of 16 outputs lanes load each input 27 times, tiles 3.6 times (three frames, a halo
-/// of 34×18 around 32×16 pixels), and 20 texels of shared memory per 256 products of an invocation. Cooperative matrices
-/// load it 4 times (34×10 around 32×8).
+/// 54·F·H·W·Ci·Co operations. Per block of 16 outputs lanes load each input 27 times, tiles 3.6 times (three frames, a
+/// halo of 34×18 around 32×16 pixels), and 20 texels of shared memory per 256 products of an invocation. Cooperative
+/// matrices load it 4 times (34×10 around 32×8).
 ///
 /// # Errors
-/// [`KernelError::Shape`] before anything is recorded; [`KernelError::Unsuitable`] for 16-bit floats on a device without
-/// cooperative matrices.
+/// [`KernelError::Shape`] before anything is recorded; [`KernelError::Unsuitable`] for 16-bit floats on a device
+/// without cooperative matrices.
 pub fn forward(
     rec: &mut Recorder,
     conv: &Conv3d,
@@ -410,8 +410,8 @@ pub struct WeightGradient<'a> {
 /// # Equation: Σ over pixels of v_y(o) · x(shifted by the tap, i)
 /// # Determinism: bitwise; sums in a fixed order, no atomics
 /// # Cost
-/// 54·F·H·W·Ci·Co operations, and 216·Ci·Co bytes of partial sums per chunk written and read. Tiles read x 4.8·Co/16 times
-/// (three frames, a halo of 34×6 around 32×4 pixels) and `v_y` 3·Ci/4 times.
+/// 54·F·H·W·Ci·Co operations, and 216·Ci·Co bytes of partial sums per chunk written and read. Tiles read x 4.8·Co/16
+/// times (three frames, a halo of 34×6 around 32×4 pixels) and `v_y` 3·Ci/4 times.
 ///
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.
@@ -436,8 +436,8 @@ pub fn backward_weight(
         return Ok(());
     }
     match rec.family() {
-        KernelFamily::Lanes => correlate_lanes(rec, conv, (x, v_y), &mut scratch.partial)?,
-        KernelFamily::Tiles => correlate_tiles(rec, conv, (x, v_y), &mut scratch.partial)?,
+        KernelFamily::Lanes => correlate_lanes(rec, conv, x, v_y, &mut scratch.partial)?,
+        KernelFamily::Tiles => correlate_tiles(rec, conv, x, v_y, &mut scratch.partial)?,
     }
     let texels = v_weight.len() / 4;
     let params = conv3d_reduce::Params { texels: dim(texels), stride: dim(conv.partial_texels()), chunks: dim(chunks) };
@@ -449,7 +449,8 @@ pub fn backward_weight(
 fn correlate_lanes(
     rec: &mut Recorder,
     conv: &Conv3d,
-    (x, v_y): (&Buffer<f32>, &Buffer<f32>),
+    x: &Buffer<f32>,
+    v_y: &Buffer<f32>,
     partial: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
     let (in4, out4) = (dim(conv.in_channels / 4), dim(conv.out_channels / 4));
@@ -473,7 +474,8 @@ fn correlate_lanes(
 fn correlate_tiles(
     rec: &mut Recorder,
     conv: &Conv3d,
-    (x, v_y): (&Buffer<f32>, &Buffer<f32>),
+    x: &Buffer<f32>,
+    v_y: &Buffer<f32>,
     partial: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
     let (in4, out4) = (dim(conv.in_channels / 4), dim(conv.out_channels / 4));

@@ -1,8 +1,9 @@
 //! Token and position embeddings.
 
-use super::{as_u32, expect_len, expect_multiple};
+use super::check::{as_u32, expect_len, expect_multiple, shape_error};
+use crate::error::KernelError;
 use crate::registry::nn::embedding_gather;
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "nn/embedding";
 
@@ -43,7 +44,7 @@ pub fn gather(
     expect_len(KERNEL, "y", y.len(), rows * width, "rows*width")?;
     if tokens * width > position.len() {
         let got = format!("[{}]", position.len());
-        return Err(super::shape_error(KERNEL, "position", got, format!("at least [{tokens}, {width}]")));
+        return Err(shape_error(KERNEL, "position", got, format!("at least [{tokens}, {width}]")));
     }
     let params = embedding_gather::Params {
         rows: as_u32(rows),

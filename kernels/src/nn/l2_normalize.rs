@@ -1,8 +1,9 @@
 //! Rows scaled to unit length.
 
-use super::{as_u32, expect_len, expect_multiple};
+use super::check::{as_u32, expect_len, expect_multiple};
+use crate::error::KernelError;
 use crate::registry::nn::{l2_normalize_bwd, l2_normalize_fwd};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "nn/l2_normalize";
 

@@ -1,8 +1,9 @@
 //! Layer normalisation with constant scale and shift.
 
-use super::{as_u32, expect_len, expect_multiple, shape_error};
+use super::check::{as_u32, expect_len, expect_multiple, shape_error};
+use crate::error::KernelError;
 use crate::registry::nn::{layer_norm_bwd, layer_norm_fwd};
-use crate::{Buffer, Device, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Device, Grid, Recorder};
 
 const KERNEL: &str = "nn/layer_norm";
 

@@ -1,15 +1,16 @@
 //! Matrix product with a packed right operand.
 
 use super::activation::Activation;
+use super::check::{as_i32, as_u32, expect_len, expect_multiple, shape_error};
 use super::pack::{Elements, LANES, Left, Order, PackedWeight, Precision, TEXEL, gather};
-use super::{as_i32, as_u32, expect_len, expect_multiple, shape_error, transpose};
+use super::transpose;
+use crate::error::KernelError;
 use crate::registry::nn::{
     matmul_fwd, matmul_fwd_coop, matmul_fwd_fixed16, matmul_fwd_fixed16_tile, matmul_fwd_tile, matmul_fwd_windows,
     matmul_fwd_windows_tile, matmul_gradient_tile,
 };
 use crate::shape::require_len;
-use crate::vk::{COOP_TILE, Cooperation};
-use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder};
+use crate::vk::{Buffer, COOP_TILE, Cooperation, Device, Grid, KernelFamily, Recorder};
 
 const KERNEL: &str = "nn/matmul";
 /// Rows of C that one workgroup computes: `TILE_ROWS` of `glsl/lib/gemm_tile.glsl`.
@@ -62,8 +63,8 @@ impl<'a> Product<'a> {
 /// `C = epilogue(A Wᵀ + bias)`.
 ///
 /// # Shapes
-/// in `a` \[rows, k\] · `weight` \[n, k\] packed · `bias` \[n\] · residual or pre-activation \[rows, n\] · out `c` \[rows, n\] (=);
-/// n and k are the padded sizes of [`PackedWeight`]
+/// in `a` \[rows, k\] · `weight` \[n, k\] packed · `bias` \[n\] · residual or pre-activation \[rows, n\] · out `c`
+/// \[rows, n\] (=); n and k are the padded sizes of [`PackedWeight`]
 /// # Equation: s = A Wᵀ + bias, then [`Epilogue`]
 /// # Determinism: bitwise; every element is one sum in the order of k, with 16-bit floats in one that the device fixes
 /// # Cost
@@ -78,8 +79,8 @@ pub fn forward(rec: &mut Recorder, product: &Product, c: &mut Buffer<f32>) -> Re
     multiply(rec, product, None, c)
 }
 
-/// Square windows of images `[F, height, width, channels]`, as `glsl/lib/windows.glsl` has them: the rows of a left operand
-/// that is never written out.
+/// Square windows of images `[F, height, width, channels]`, as `glsl/lib/windows.glsl` has them: the rows of a left
+/// operand that is never written out.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Windows {
     pub(super) height: usize,
@@ -171,7 +172,8 @@ fn dispatch(rec: &mut Recorder, operands: &Operands, c: &mut Buffer<f32>) -> Res
             multiply!(matmul_fwd_tile, tile_grid, { rows: per_thread }, { a: a, w: w, aux: aux })
         }
         (Elements::Fixed16 { codes: w, scale }, KernelFamily::Lanes) => {
-            multiply!(matmul_fwd_fixed16, lane_grid, { blocks: blocks }, { a_tex: a, w_tex: w, aux_tex: aux, scale: scale })
+            let grid = lane_grid;
+            multiply!(matmul_fwd_fixed16, grid, { blocks: blocks }, { a_tex: a, w_tex: w, aux_tex: aux, scale: scale })
         }
         (Elements::Fixed16 { codes: w, scale }, KernelFamily::Tiles) => {
             multiply!(matmul_fwd_fixed16_tile, tile_grid, { rows: per_thread }, { a: a, w: w, aux: aux, scale: scale })
@@ -247,7 +249,8 @@ fn tiling(rows: usize, columns: usize) -> (i32, Grid) {
     (as_i32(per_thread), Grid::groups(as_u32(down(per_thread)), as_u32(across), 1))
 }
 
-/// Operands of [`weight_gradient`] in the order that the lane kernels want them; the tile kernels take them as they are.
+/// Operands of [`weight_gradient`] in the order that the lane kernels want them; the tile kernels take them as they
+/// are.
 #[derive(Debug)]
 struct Rearranged {
     v_c_t: Buffer<f32>,
@@ -288,7 +291,8 @@ impl GradScratch {
 /// in `a` \[rows, k\] · `v_c` \[rows, n\] · out `v_w` \[n, k\] row-major (=)
 /// # Determinism: bitwise; every element is one sum in the order of rows
 /// # Cost
-/// 2·rows·n·k operations. Lanes first move 16·rows·(n + k) bytes into their order; tiles read both operands as they are.
+/// 2·rows·n·k operations. Lanes first move 16·rows·(n + k) bytes into their order; tiles read both operands as they
+/// are.
 ///
 /// # Errors
 /// [`KernelError::Shape`] before anything is recorded.

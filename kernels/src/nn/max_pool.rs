@@ -1,9 +1,10 @@
 //! Largest values of square windows.
 
-use super::{as_u32, expect_len, expect_multiple, shape_error};
+use super::check::{as_u32, expect_len, expect_multiple, shape_error};
+use crate::error::KernelError;
 use crate::registry::nn::{max_pool_bwd, max_pool_fwd};
 use crate::shape::require_len;
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "nn/max_pool";
 

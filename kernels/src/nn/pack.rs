@@ -2,9 +2,10 @@
 
 use std::str::FromStr;
 
-use super::{as_u32, expect_len, expect_multiple, shape_error};
+use super::check::{as_u32, expect_len, expect_multiple, shape_error};
+use crate::error::KernelError;
 use crate::registry::nn::pack_gather;
-use crate::{Buffer, Device, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Device, Grid, Recorder};
 
 const KERNEL: &str = "nn/pack";
 /// Columns of C that one fetch serves: the lanes of a subgroup.
@@ -24,9 +25,9 @@ pub enum Precision {
     /// Whole numbers from -32767 to 32767, times a float per row of W: an element is off by at most 2⁻¹⁶ of the largest
     /// one of its row. Half the memory, and half the fetches of a product.
     Fixed16,
-    /// 16-bit floats, and the left operand of a product is rounded to such too, for the cooperative matrices of a GPU: a
-    /// factor is off by at most 2⁻¹¹ of itself, and infinite beyond 65,504. Gradients are brought near 1 before they are
-    /// rounded. Sums are 32-bit floats.
+    /// 16-bit floats, and the left operand of a product is rounded to such too, for the cooperative matrices of a GPU:
+    /// a factor is off by at most 2⁻¹¹ of itself, and infinite beyond 65,504. Gradients are brought near 1 before they
+    /// are rounded. Sums are 32-bit floats.
     Half,
 }
 
@@ -112,7 +113,7 @@ impl PackedWeight {
     /// # Errors
     /// [`KernelError::Shape`] when `w` is not `n * k` long; [`KernelError::Allocation`] when memory runs out.
     pub fn new(device: &Device, name: &str, w: &[f32], n: usize, k: usize) -> Result<Self, KernelError> {
-        Self::in_precision(device, name, w, (n, k), Precision::F32)
+        Self::in_precision(device, name, w, n, k, Precision::F32)
     }
 
     /// Packs `w` `[n, k]` on the host in the given precision.
@@ -124,13 +125,14 @@ impl PackedWeight {
         device: &Device,
         name: &str,
         w: &[f32],
-        (n, k): (usize, usize),
+        n: usize,
+        k: usize,
         precision: Precision,
     ) -> Result<Self, KernelError> {
         expect_len(KERNEL, "w", w.len(), n * k, "n*k")?;
         let elements = match precision {
             Precision::F32 => Elements::F32(device.buffer_from(name, &packed_order(w, n, k))?),
-            Precision::Fixed16 => coded(device, name, w, (n, k))?,
+            Precision::Fixed16 => coded(device, name, w, n, k)?,
             Precision::Half => {
                 device.cooperation()?;
                 let packed = packed_order(w, n, k);
@@ -138,10 +140,10 @@ impl PackedWeight {
                 Elements::Half(device.buffer_from(name, &pairs)?)
             }
         };
-        Self::of(device, name, elements, (n, k))
+        Self::of(device, name, elements, n, k)
     }
 
-    fn of(device: &Device, name: &str, elements: Elements, (n, k): (usize, usize)) -> Result<Self, KernelError> {
+    fn of(device: &Device, name: &str, elements: Elements, n: usize, k: usize) -> Result<Self, KernelError> {
         let no_bias = device.buffer(&format!("{name}.no_bias"), n.next_multiple_of(LANES))?;
         Ok(Self { elements, no_bias, left: Left::Values, n, k })
     }
@@ -154,12 +156,13 @@ impl PackedWeight {
         device: &Device,
         name: &str,
         w: &[f32],
-        (n, k): (usize, usize),
+        n: usize,
+        k: usize,
         precision: Precision,
     ) -> Result<Self, KernelError> {
         expect_len(KERNEL, "w", w.len(), n * k, "k*n")?;
         let columns: Vec<f32> = (0..n * k).map(|i| w[(i % k) * n + i / k]).collect();
-        Ok(Self { left: Left::Gradients, ..Self::in_precision(device, name, &columns, (n, k), precision)? })
+        Ok(Self { left: Left::Gradients, ..Self::in_precision(device, name, &columns, n, k, precision)? })
     }
 
     /// The matrix in its packed order; `None` where it is not kept as floats.
@@ -187,7 +190,7 @@ impl PackedWeight {
     /// [`KernelError::Allocation`] when memory runs out.
     pub fn zeros(device: &Device, name: &str, n: usize, k: usize) -> Result<Self, KernelError> {
         let packed = device.buffer(name, n.next_multiple_of(LANES) * k.next_multiple_of(TEXEL))?;
-        Self::of(device, name, Elements::F32(packed), (n, k))
+        Self::of(device, name, Elements::F32(packed), n, k)
     }
 
     /// Columns of C, padding included: the row stride of a product with this weight.
@@ -217,7 +220,7 @@ fn packed_order(w: &[f32], n: usize, k: usize) -> Vec<f32> {
 }
 
 /// `w` in 16-bit codes with a scale per row.
-fn coded(device: &Device, name: &str, w: &[f32], (n, k): (usize, usize)) -> Result<Elements, KernelError> {
+fn coded(device: &Device, name: &str, w: &[f32], n: usize, k: usize) -> Result<Elements, KernelError> {
     expect_multiple(KERNEL, "n", n, 2 * LANES)?;
     let scale: Vec<f32> = w.chunks_exact(k.max(1)).map(code_unit).collect();
     let codes = |(row, unit): (&[f32], &f32)| row.iter().map(|v| v / unit).collect::<Vec<_>>();

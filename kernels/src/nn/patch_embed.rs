@@ -1,8 +1,9 @@
 //! Images to rows of patches and back.
 
-use super::{as_u32, expect_len, shape_error};
+use super::check::{as_u32, expect_len, shape_error};
+use crate::error::KernelError;
 use crate::registry::nn::{patch_embed_fold, patch_embed_unfold};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "nn/patch_embed";
 /// Channels of a pixel in memory.
@@ -57,8 +58,8 @@ impl PatchShape {
 /// Cuts images into rows; the product of a row with the patch weights is the patch embedding.
 ///
 /// # Shapes
-/// in `pixels` \[B, side, side, 4\], the fourth channel is ignored · out `rows` \[B*tokens, patch*patch*4\] (=), row 0 of
-/// each image zero, fourth channel zero
+/// in `pixels` \[B, side, side, 4\], the fourth channel is ignored · out `rows` \[B*tokens, patch*patch*4\] (=), row 0
+/// of each image zero, fourth channel zero
 /// # Equation: im2col with stride = patch; Dosovitskiy et al. 2021, eq. 1
 /// # Determinism: bitwise; no atomics
 ///

@@ -1,8 +1,9 @@
 //! Mean of every row of a matrix.
 
-use super::{as_u32, expect_len, expect_multiple};
+use super::check::{as_u32, expect_len, expect_multiple};
+use crate::error::KernelError;
 use crate::registry::nn::row_mean_fwd;
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "nn/row_mean";
 

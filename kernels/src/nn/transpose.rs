@@ -1,8 +1,9 @@
 //! Transposed copy of a matrix.
 
-use super::{as_u32, expect_len};
+use super::check::{as_u32, expect_len};
+use crate::error::KernelError;
 use crate::registry::nn::transpose_copy;
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "nn/transpose";
 

@@ -1,8 +1,9 @@
 //! Adam update.
 
+use crate::error::KernelError;
 use crate::registry::optim::{adam_step, adam_step_rated};
 use crate::shape::{dim, expect_len};
-use crate::{Buffer, Device, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Device, Grid, Recorder};
 
 const KERNEL: &str = "optim/adam";
 
@@ -83,8 +84,8 @@ impl AdamState {
 /// One Adam step on `param`.
 ///
 /// # Shapes
-/// in `v_param` \[n\] · in/out `param` \[n\] (=) · `state` moments \[n\] (=), its rates \[n / row\]; with a tail or rates n is a
-/// multiple of their row
+/// in `v_param` \[n\] · in/out `param` \[n\] (=) · `state` moments \[n\] (=), its rates \[n / row\]; with a tail or
+/// rates n is a multiple of their row
 /// # Equation: Adam, Kingma & Ba 2015, Algorithm 1; decoupled decay of Loshchilov & Hutter 2019, Algorithm 2
 /// # Errors: [`KernelError::Shape`] before anything is recorded
 /// # Determinism: bitwise; no atomics

@@ -1,8 +1,9 @@
 //! Throughput of multiply and add in registers.
 
+use crate::error::KernelError;
 use crate::registry::probe::mul_add_run;
 use crate::shape::{dim, expect_len};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "probe/mul_add";
 /// Chains of one invocation: enough to hide the latency of both operations, few enough for the registers.

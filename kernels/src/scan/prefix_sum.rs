@@ -1,8 +1,9 @@
 //! Exclusive prefix sum.
 
+use crate::error::KernelError;
 use crate::registry::scan::{prefix_sum_apply, prefix_sum_partial, prefix_sum_spine};
 use crate::shape::{dim, require_len};
-use crate::{Buffer, Device, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Device, Grid, Recorder};
 
 /// Invocations of one workgroup of the lane kernels.
 const GROUP: usize = 8;

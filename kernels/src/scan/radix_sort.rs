@@ -3,9 +3,10 @@
 use std::mem::swap;
 
 use super::prefix_sum;
+use crate::error::KernelError;
 use crate::registry::scan::{radix_sort_count, radix_sort_scatter};
 use crate::shape::{dim, require_len};
-use crate::{Buffer, Device, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Device, Grid, Recorder};
 
 /// Invocations of one workgroup of the lane kernels.
 const GROUP: usize = 8;
@@ -82,7 +83,7 @@ pub fn sort(rec: &mut Recorder, pairs: &mut SortPairs, n: usize, bits: u32) -> R
     let passes = bits.clamp(1, u32::BITS).div_ceil(MAX_DIGIT_BITS);
     let digit_bits = bits.div_ceil(passes);
     for pass in 0..passes {
-        one_digit(rec, pairs, n, (pass * digit_bits, digit_bits))?;
+        one_digit(rec, pairs, n, pass * digit_bits, digit_bits)?;
     }
     Ok(())
 }
@@ -91,7 +92,8 @@ fn one_digit(
     rec: &mut Recorder,
     pairs: &mut SortPairs,
     n: usize,
-    (shift, digit_bits): (u32, u32),
+    shift: u32,
+    digit_bits: u32,
 ) -> Result<(), KernelError> {
     let lanes = lanes(n);
     let chunk = dim(n.div_ceil(4).div_ceil(lanes));

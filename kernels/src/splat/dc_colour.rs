@@ -1,8 +1,9 @@
 //! Colours under offsets of the DC term alone: what a view adds to them is a constant.
 
+use crate::error::KernelError;
 use crate::registry::splat::{dc_colour_bwd, dc_colour_fwd};
 use crate::shape::{dim, require_len};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "splat/dc_colour";
 

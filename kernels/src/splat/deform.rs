@@ -1,10 +1,11 @@
 //! Applies the heads of a deformation network to the raw splats.
 
-use super::SH_FLOATS;
 use super::project::RawSplats;
+use super::sh::SH_FLOATS;
+use crate::error::KernelError;
 use crate::registry::splat::{deform_apply, deform_sh};
 use crate::shape::{dim, require_len};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "splat/deform";
 

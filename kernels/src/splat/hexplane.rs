@@ -1,8 +1,9 @@
 //! Features of canonical positions at one time, from six planes per level.
 
+use crate::error::KernelError;
 use crate::registry::splat::hexplane_fwd;
 use crate::shape::{dim, require_len};
-use crate::{Buffer, Device, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Device, Grid, Recorder};
 
 const KERNEL: &str = "splat/hexplane";
 

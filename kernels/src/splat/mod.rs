@@ -7,10 +7,8 @@ pub mod project;
 pub mod rasterize;
 pub mod sh;
 pub mod tile_bin;
+pub mod tile_grid;
 pub mod trajectory;
 pub mod warp;
 
-use crate::shape::OffsetBases;
-
-/// Floats of one row of spherical-harmonic coefficients: all bases, 3 channels.
-pub const SH_FLOATS: usize = OffsetBases::All.floats();
+pub use sh::SH_FLOATS;

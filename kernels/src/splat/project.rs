@@ -1,9 +1,10 @@
 //! Projection to the image plane.
 
+use crate::error::KernelError;
 use crate::registry::splat::project_fwd;
 use crate::scan::radix_sort::SortPairs;
 use crate::shape::{dim, require_len};
-use crate::{Buffer, Device, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Device, Grid, Recorder};
 
 const KERNEL: &str = "splat/project";
 
@@ -27,8 +28,8 @@ pub struct View {
 pub struct RawSplats<'a> {
     /// Position and opacity logit `[N,4]`.
     pub means: &'a Buffer<f32>,
-    /// Logarithms of the standard deviations `[N,4]`; where the fourth is not 0, the rotation matrix is that of the quaternion
-    /// as it is, without making it a unit.
+    /// Logarithms of the standard deviations `[N,4]`; where the fourth is not 0, the rotation matrix is that of the
+    /// quaternion as it is, without making it a unit.
     pub scales: &'a Buffer<f32>,
     /// Rotations w, x, y, z of any norm `[N,4]`.
     pub quats: &'a Buffer<f32>,

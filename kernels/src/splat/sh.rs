@@ -2,12 +2,14 @@
 
 use std::ops::Range;
 
-use super::SH_FLOATS;
+use crate::error::KernelError;
 use crate::registry::splat::{sh_bwd, sh_fwd};
 use crate::shape::{OffsetBases, dim, require_len};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "splat/sh";
+/// Floats of one row of spherical-harmonic coefficients: all bases, 3 channels.
+pub const SH_FLOATS: usize = OffsetBases::All.floats();
 /// Bytes of a splat's coefficients; its offsets are no more.
 const ROW_BYTES: usize = SH_FLOATS * size_of::<f32>();
 

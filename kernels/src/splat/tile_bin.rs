@@ -1,7 +1,8 @@
 //! Which splats each tile sees, front to back: the constant part of rendering a frame.
 
 use super::project::{self, Projection, RawSplats, View};
-use super::rasterize::{TileGrid, pixel_workgroups, stride, workgroups};
+use super::tile_grid::{TileGrid, pixel_workgroups, stride, workgroups};
+use crate::error::KernelError;
 use crate::registry::splat::{
     rasterize_visit, rasterize_visit_tile, tile_bin_active, tile_bin_count, tile_bin_emit, tile_bin_keep,
     tile_bin_order, tile_bin_pairs, tile_bin_ranges, tile_bin_splats, tile_bin_tiles,
@@ -9,8 +10,7 @@ use crate::registry::splat::{
 use crate::scan::prefix_sum;
 use crate::scan::radix_sort::{self, SortPairs};
 use crate::shape::dim;
-use crate::vk::PassTime;
-use crate::{Buffer, Device, Grid, KernelError, KernelFamily, Recorder, Timings};
+use crate::vk::{Buffer, Device, Grid, KernelFamily, PassTime, Recorder, Timings};
 
 const KERNEL: &str = "splat/tile_bin";
 
@@ -63,7 +63,9 @@ impl VisibleLists {
     fn new(
         device: &Device,
         grid: TileGrid,
-        [num_visible, num_isects, num_active]: [usize; 3],
+        num_visible: usize,
+        num_isects: usize,
+        num_active: usize,
     ) -> Result<Self, KernelError> {
         let isects = num_isects + LIST_PADDING;
         Ok(Self {
@@ -222,8 +224,8 @@ impl TileBinner {
             return Ok((empty(&self.device, job.grid)?, Timings { passes }));
         }
         let num_active = self.emit(job, total, &mut passes)?;
-        let (num_visible, num_isects) = self.select(job, total, (prune, num_active), &mut passes)?;
-        let mut lists = VisibleLists::new(&self.device, job.grid, [num_visible, num_isects, num_active])?;
+        let (num_visible, num_isects) = self.select(job, total, prune, num_active, &mut passes)?;
+        let mut lists = VisibleLists::new(&self.device, job.grid, num_visible, num_isects, num_active)?;
         self.compact(job, total, &mut lists, &mut passes)?;
         Ok((lists, Timings { passes }))
     }
@@ -305,7 +307,8 @@ impl TileBinner {
         &mut self,
         job: Job,
         total: usize,
-        (prune, num_active): (Prune, usize),
+        prune: Prune,
+        num_active: usize,
         passes: &mut Vec<PassTime>,
     ) -> Result<(usize, usize), KernelError> {
         let scratch = self.splats.as_mut().expect("count has filled it");
@@ -317,7 +320,7 @@ impl TileBinner {
                 rec.fill(&mut pairs.kept_isects, 1);
                 rec.fill(&mut pairs.kept_slots, 1);
             }
-            Prune::Remove => visit(&mut rec, (job.grid, num_active), &scratch.projection, pairs, tiles)?,
+            Prune::Remove => visit(&mut rec, job.grid, num_active, &scratch.projection, pairs, tiles)?,
         }
         prefix_sum::exclusive(&mut rec, &mut pairs.kept_isects, total, &mut self.scan)?;
         prefix_sum::exclusive(&mut rec, &mut pairs.kept_slots, total, &mut self.scan)?;
@@ -385,7 +388,7 @@ impl TileBinner {
 
 /// Lists of a view that sees nothing.
 fn empty(device: &Device, grid: TileGrid) -> Result<VisibleLists, KernelError> {
-    let mut lists = VisibleLists::new(device, grid, [0; 3])?;
+    let mut lists = VisibleLists::new(device, grid, 0, 0, 0)?;
     let order: Vec<u32> = (0..grid.num_tiles()).collect();
     lists.tile_order.write(&order)?;
     Ok(lists)
@@ -414,7 +417,8 @@ fn order_tiles(
 /// Marks the pairs that reach a pixel which has not stopped.
 fn visit(
     rec: &mut Recorder,
-    (grid, num_active): (TileGrid, usize),
+    grid: TileGrid,
+    num_active: usize,
     projection: &Projection,
     pairs: &mut PairScratch,
     tiles: &TileScratch,

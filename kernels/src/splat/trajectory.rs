@@ -1,8 +1,9 @@
 //! Splats on polynomial paths.
 
+use crate::error::KernelError;
 use crate::registry::splat::trajectory_fwd;
 use crate::shape::{dim, require_len};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "splat/trajectory";
 
@@ -16,8 +17,8 @@ pub struct Paths<'a> {
     pub means: &'a Buffer<f32>,
     /// `[N,4]`: w, x, y, z.
     pub quats: &'a Buffer<f32>,
-    /// `[N,16]`: motion by dt and the time of most opacity; motion by dt² and the reciprocal of the duration; motion by dt³
-    /// and 0; turn of the quaternion by dt.
+    /// `[N,16]`: motion by dt and the time of most opacity; motion by dt² and the reciprocal of the duration; motion by
+    /// dt³ and 0; turn of the quaternion by dt.
     pub paths: &'a Buffer<f32>,
 }
 

@@ -2,9 +2,10 @@
 
 use super::deform::DeformedOut;
 use super::project::RawSplats;
+use crate::error::KernelError;
 use crate::registry::splat::warp_apply;
 use crate::shape::{dim, require_len};
-use crate::{Buffer, Grid, KernelError, Recorder};
+use crate::vk::{Buffer, Grid, Recorder};
 
 const KERNEL: &str = "splat/warp";
 
@@ -20,8 +21,8 @@ pub enum Shift {
     Screw,
 }
 
-/// Adds the heads to means, standard deviations and unit quaternions. What comes out keeps the length of its quaternions,
-/// as the fourth value of `scales` tells the projection.
+/// Adds the heads to means, standard deviations and unit quaternions. What comes out keeps the length of its
+/// quaternions, as the fourth value of `scales` tells the projection.
 ///
 /// # Shapes
 /// in `splats` \[N,4\] each · `heads` \[N,16\] · out `out` \[N,4\] each (=)

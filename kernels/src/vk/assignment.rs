@@ -3,14 +3,14 @@
 //! The variables that schedulers set hide devices from CUDA and ROCm, not from Vulkan: whoever ignores them takes the
 //! machine's first GPU together with every other task.
 
-use super::device::{DeviceInfo, DeviceKind};
+use super::info::{DeviceInfo, DeviceKind};
 
 /// PCI vendor numbers.
 const NVIDIA: u32 = 0x10de;
 const AMD: u32 = 0x1002;
 
-/// Variables that name GPUs, in the order in which they are asked, and the maker whose GPUs they count. What numbers the
-/// devices that a task can see comes before what numbers those of the whole machine.
+/// Variables that name GPUs, in the order in which they are asked, and the maker whose GPUs they count. What numbers
+/// the devices that a task can see comes before what numbers those of the whole machine.
 const VARIABLES: [(&str, Option<u32>); 6] = [
     ("CUDA_VISIBLE_DEVICES", Some(NVIDIA)),
     ("ROCR_VISIBLE_DEVICES", Some(AMD)),

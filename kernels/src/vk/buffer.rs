@@ -7,9 +7,10 @@ use std::sync::{Arc, OnceLock};
 use ash::vk;
 use gpu_allocator::vulkan::Allocation;
 
-use super::check;
-use super::device::{Device, DeviceInner, HostAccess};
+use super::device::DeviceInner;
+use super::info::HostAccess;
 use super::memory::Purpose;
+use super::result::check;
 use crate::error::KernelError;
 
 /// Bytes of a texel; every buffer is padded with zeros to whole texels.
@@ -42,8 +43,14 @@ pub(super) struct BufferInner {
     view: OnceLock<vk::BufferView>,
 }
 
-/// Offset and length of a range in bytes.
-pub(super) type Place = (u64, u64);
+/// A range of a buffer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Place {
+    /// First byte.
+    pub(super) offset: u64,
+    /// Length in bytes.
+    pub(super) bytes: u64,
+}
 
 /// A named array of `T` in device memory. `&Buffer` is read by a dispatch, `&mut Buffer` written.
 pub struct Buffer<T> {
@@ -61,7 +68,12 @@ impl<T> std::fmt::Debug for Buffer<T> {
 }
 
 impl BufferInner {
-    fn new(device: &Arc<DeviceInner>, name: &str, bytes: u64, purpose: Purpose) -> Result<Self, KernelError> {
+    pub(super) fn new(
+        device: &Arc<DeviceInner>,
+        name: &str,
+        bytes: u64,
+        purpose: Purpose,
+    ) -> Result<Self, KernelError> {
         let bytes = bytes.next_multiple_of(TEXEL_BYTES).max(TEXEL_BYTES);
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER
             | vk::BufferUsageFlags::STORAGE_TEXEL_BUFFER
@@ -78,7 +90,7 @@ impl BufferInner {
         };
         // SAFETY: `handle` was just created on this device.
         let requirements = unsafe { device.raw.get_buffer_memory_requirements(handle) };
-        let allocation = match device.memory().allocate(name, (handle, requirements), purpose) {
+        let allocation = match device.memory().allocate(name, handle, requirements, purpose) {
             Ok(allocation) => allocation,
             Err(e) => {
                 // SAFETY: nothing has used the buffer yet.
@@ -103,7 +115,8 @@ impl BufferInner {
     }
 
     /// A view of some bytes as texels of `format`, which the caller destroys.
-    pub(super) fn texels_of(&self, format: vk::Format, (offset, bytes): Place) -> Result<vk::BufferView, KernelError> {
+    pub(super) fn texels_of(&self, format: vk::Format, place: Place) -> Result<vk::BufferView, KernelError> {
+        let Place { offset, bytes } = place;
         let limit = u64::from(self.device.info.max_texel_elements);
         if bytes / TEXEL_BYTES > limit {
             return Err(KernelError::Unsuitable {
@@ -112,9 +125,14 @@ impl BufferInner {
             });
         }
         let info = vk::BufferViewCreateInfo::default().buffer(self.handle).format(format).offset(offset).range(bytes);
-        // SAFETY: the buffer is bound and alive; the format is one of the mandatory texel formats; the range lies in the
-        // buffer and begins at a multiple of any alignment that Vulkan lets a device ask for.
+        // SAFETY: the buffer is bound and alive; the format is one of the mandatory texel formats; the range lies in
+        // the buffer and begins at a multiple of any alignment that Vulkan lets a device ask for.
         check("vkCreateBufferView", unsafe { self.device.raw.create_buffer_view(&info, None) })
+    }
+
+    /// All of it.
+    pub(super) fn whole(&self) -> Place {
+        Place { offset: 0, bytes: self.bytes }
     }
 
     /// The whole buffer as texels of `format`, made on first use.
@@ -122,7 +140,7 @@ impl BufferInner {
         if let Some(view) = self.view.get() {
             return Ok(*view);
         }
-        let view = self.texels_of(format, (0, self.bytes))?;
+        let view = self.texels_of(format, self.whole())?;
         self.device.name_object(view, &self.name);
         if self.view.set(view).is_err() {
             // SAFETY: another thread won the race, so this view is unused.
@@ -131,7 +149,8 @@ impl BufferInner {
         Ok(self.view.get().copied().unwrap_or(view))
     }
 
-    fn mapped(&self) -> Option<*mut u8> {
+    /// Where the host sees it, if it does.
+    pub(super) fn mapped(&self) -> Option<*mut u8> {
         if self.purpose == Purpose::Work && self.device.host_access == HostAccess::Staged {
             return None;
         }
@@ -157,44 +176,17 @@ impl Drop for BufferInner {
     }
 }
 
-impl Device {
-    /// A buffer of `len` zeros.
-    ///
-    /// # Errors
-    /// [`KernelError::Allocation`] when memory runs out.
-    pub fn buffer<T: Element>(&self, name: &str, len: usize) -> Result<Buffer<T>, KernelError> {
-        self.zeros(name, len, Purpose::Work)
-    }
-
-    /// A buffer of `len` zeros for copies of what the host reads often: [`Buffer::read`] finds it mapped, so that
-    /// it neither allocates nor submits. Kernels work faster in others.
-    ///
-    /// # Errors
-    /// [`KernelError::Allocation`] when memory runs out.
-    pub fn readback<T: Element>(&self, name: &str, len: usize) -> Result<Buffer<T>, KernelError> {
-        self.zeros(name, len, Purpose::ReadBack)
-    }
-
-    fn zeros<T: Element>(&self, name: &str, len: usize, purpose: Purpose) -> Result<Buffer<T>, KernelError> {
-        let bytes = (len * size_of::<T>()) as u64;
-        let inner = Arc::new(BufferInner::new(self.inner(), name, bytes, purpose)?);
-        let mut buffer = Buffer { inner, first: 0, len, element: PhantomData };
-        buffer.clear()?;
-        Ok(buffer)
-    }
-
-    /// A buffer holding `data`.
-    ///
-    /// # Errors
-    /// [`KernelError::Allocation`] when memory runs out.
-    pub fn buffer_from<T: Element>(&self, name: &str, data: &[T]) -> Result<Buffer<T>, KernelError> {
-        let mut buffer = self.buffer(name, data.len())?;
-        buffer.write(data)?;
-        Ok(buffer)
-    }
-}
-
 impl<T: Element> Buffer<T> {
+    /// All of `inner` that `len` elements take.
+    pub(super) fn of(inner: BufferInner, len: usize) -> Self {
+        Self { inner: Arc::new(inner), first: 0, len, element: PhantomData }
+    }
+
+    /// Offset in bytes of an element in `inner`.
+    pub(super) fn byte_of(&self, element: usize) -> usize {
+        (self.first + element) * size_of::<T>()
+    }
+
     /// Another handle of the same memory, for kernels that read through a texel view what the same
     /// invocation then writes through a storage binding: that is several times faster on CPU drivers.
     pub(crate) fn alias(&self) -> Self {
@@ -216,8 +208,7 @@ impl<T: Element> Buffer<T> {
     /// Bytes that a binding covers: whole texels.
     pub(super) fn place(&self) -> Place {
         let bytes = |elements: usize| (elements * size_of::<T>()) as u64;
-        let whole = bytes(self.len).next_multiple_of(TEXEL_BYTES).max(TEXEL_BYTES);
-        (bytes(self.first), whole)
+        Place { offset: bytes(self.first), bytes: bytes(self.len).next_multiple_of(TEXEL_BYTES).max(TEXEL_BYTES) }
     }
 
     /// Number of elements.
@@ -236,98 +227,5 @@ impl<T: Element> Buffer<T> {
     #[must_use]
     pub fn name(&self) -> &str {
         &self.inner.name
-    }
-
-    /// All elements.
-    ///
-    /// # Errors
-    /// When the copy from device memory fails.
-    pub fn read(&self) -> Result<Vec<T>, KernelError> {
-        self.read_range(0..self.len)
-    }
-
-    /// Some elements.
-    ///
-    /// # Errors
-    /// When the range leaves the buffer, or the copy from device memory fails.
-    pub fn read_range(&self, range: Range<usize>) -> Result<Vec<T>, KernelError> {
-        self.check_range("read", range.end)?;
-        let mut out = vec![T::zeroed(); range.len()];
-        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut out);
-        let offset = (self.first + range.start) * size_of::<T>();
-        if let Some(source) = self.inner.mapped() {
-            // SAFETY: `source` maps the whole buffer, the range was checked, submissions are waited
-            // for before anything reads, and `out` is a fresh host allocation.
-            unsafe { std::ptr::copy_nonoverlapping(source.add(offset), bytes.as_mut_ptr(), bytes.len()) };
-        } else if !bytes.is_empty() {
-            let staging = BufferInner::new(&self.inner.device, "read-back", bytes.len() as u64, Purpose::ReadBack)?;
-            let staging = Arc::new(staging);
-            self.inner.device.copy_now(&self.inner, offset as u64, &staging, 0, bytes.len() as u64)?;
-            let source = staging.mapped().ok_or_else(|| unmapped(&staging))?;
-            // SAFETY: as above; the copy has finished and `staging` is at least as long.
-            unsafe { std::ptr::copy_nonoverlapping(source, bytes.as_mut_ptr(), bytes.len()) };
-        }
-        Ok(out)
-    }
-
-    /// Replaces all elements.
-    ///
-    /// # Errors
-    /// [`KernelError::Shape`] when the lengths differ.
-    pub fn write(&mut self, data: &[T]) -> Result<(), KernelError> {
-        if data.len() != self.len {
-            return Err(self.range_error("write", data.len()));
-        }
-        self.write_at(0, data)
-    }
-
-    /// Replaces the elements from `offset` on.
-    ///
-    /// # Errors
-    /// [`KernelError::Shape`] when the range leaves the buffer.
-    pub fn write_at(&mut self, offset: usize, data: &[T]) -> Result<(), KernelError> {
-        self.check_range("write", offset + data.len())?;
-        self.write_bytes((self.first + offset) * size_of::<T>(), bytemuck::cast_slice(data))
-    }
-
-    fn clear(&mut self) -> Result<(), KernelError> {
-        let zeros = vec![0u8; usize::try_from(self.inner.bytes).unwrap_or(usize::MAX)];
-        self.write_bytes(0, &zeros)
-    }
-
-    fn write_bytes(&mut self, offset: usize, bytes: &[u8]) -> Result<(), KernelError> {
-        if let Some(target) = self.inner.mapped() {
-            // SAFETY: `target` maps the whole buffer and the callers checked the range; submissions
-            // are waited for, so the device does not use it now.
-            unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), target.add(offset), bytes.len()) };
-        } else if !bytes.is_empty() {
-            let staging = BufferInner::new(&self.inner.device, "upload", bytes.len() as u64, Purpose::Upload)?;
-            let target = staging.mapped().ok_or_else(|| unmapped(&staging))?;
-            // SAFETY: `staging` is at least `bytes.len()` long and not yet used by the device.
-            unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), target, bytes.len()) };
-            self.inner.device.copy_now(&Arc::new(staging), 0, &self.inner, offset as u64, bytes.len() as u64)?;
-        }
-        Ok(())
-    }
-
-    fn check_range(&self, what: &'static str, end: usize) -> Result<(), KernelError> {
-        if end > self.len { Err(self.range_error(what, end)) } else { Ok(()) }
-    }
-
-    fn range_error(&self, what: &'static str, end: usize) -> KernelError {
-        KernelError::Shape {
-            kernel: "host copy",
-            buffer: what,
-            got: format!("{end} elements"),
-            expected: format!("{} elements in `{}`", self.len, self.name()),
-        }
-    }
-}
-
-fn unmapped(buffer: &BufferInner) -> KernelError {
-    KernelError::Allocation {
-        name: buffer.name.clone(),
-        bytes: buffer.bytes,
-        reason: "staging memory is not host-visible".to_owned(),
     }
 }

@@ -2,10 +2,8 @@
 
 use ash::vk;
 
-use super::device::{Device, DeviceInfo, Instance};
-use super::recorder::Recorder;
-use crate::error::KernelError;
-use crate::registry::COOP_SHARED_BYTES;
+// `SHARED_BYTES`, the workgroup memory that the `_coop` kernels take at most, as the build script holds them to it.
+include!(concat!(env!("OUT_DIR"), "/coop_shared_bytes.rs"));
 
 /// Rows and columns of the tile of one workgroup: `TILE` of the `_coop` shaders.
 pub(crate) const TILE: u32 = 64;
@@ -51,72 +49,46 @@ impl Cooperation {
     }
 }
 
-impl DeviceInfo {
-    /// How its subgroups multiply matrices of 16-bit floats.
-    fn needed_cooperation(&self) -> Result<Cooperation, KernelError> {
-        self.cooperation.ok_or_else(|| KernelError::Unsuitable {
-            device: self.name.clone(),
-            what: "cooperative matrices of 16-bit floats with 32-bit sums (VK_KHR_cooperative_matrix), which precision f16 \
-                   needs"
-                .to_owned(),
-        })
+/// What a device with the extension has of use for the `_coop` kernels. `None` where it lacks what else these need:
+/// 16-bit floats in arithmetic, the Vulkan memory model, and their workgroup memory.
+pub(super) fn of_device(
+    entry: &ash::Entry,
+    instance: &ash::Instance,
+    device: vk::PhysicalDevice,
+    subgroup_size: u32,
+) -> Option<Cooperation> {
+    // A compiler that does not know the extension leaves nothing to run.
+    if cfg!(without_cooperative_matrices) {
+        return None;
     }
-}
-
-impl Device {
-    /// How its subgroups multiply matrices of 16-bit floats.
-    ///
-    /// # Errors
-    /// [`KernelError::Unsuitable`] when they do not.
-    pub fn cooperation(&self) -> Result<Cooperation, KernelError> {
-        self.info().needed_cooperation()
+    let mut matrices = vk::PhysicalDeviceCooperativeMatrixFeaturesKHR::default();
+    let mut core = vk::PhysicalDeviceVulkan12Features::default();
+    let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut matrices).push_next(&mut core);
+    let mut stages = vk::PhysicalDeviceCooperativeMatrixPropertiesKHR::default();
+    let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut stages);
+    // SAFETY: the chains hold only structures of Vulkan 1.2 and of an extension of the device.
+    unsafe {
+        instance.get_physical_device_features2(device, &mut features);
+        instance.get_physical_device_properties2(device, &mut properties);
     }
-}
-
-impl Recorder {
-    /// As [`Device::cooperation`].
-    pub(crate) fn cooperation(&self) -> Result<Cooperation, KernelError> {
-        self.info().needed_cooperation()
+    let shared_bytes = properties.properties.limits.max_compute_shared_memory_size;
+    // With that model other kernels' atomics, which name no scope, need its device scope.
+    let model = [core.vulkan_memory_model, core.vulkan_memory_model_device_scope];
+    let enough = shared_bytes >= SHARED_BYTES
+        && [matrices.cooperative_matrix, core.shader_float16] == [vk::TRUE; 2]
+        && model == [vk::TRUE; 2]
+        && stages.cooperative_matrix_supported_stages.contains(vk::ShaderStageFlags::COMPUTE);
+    if !enough {
+        return None;
     }
-}
-
-impl Instance {
-    /// What the device has of use for the `_coop` kernels. `None` too where it lacks what else these need: 16-bit floats in
-    /// arithmetic, the Vulkan memory model, and their workgroup memory.
-    pub(super) fn cooperation(&self, device: vk::PhysicalDevice, subgroup_size: u32) -> Option<Cooperation> {
-        // A compiler that does not know the extension leaves nothing to run.
-        if cfg!(without_cooperative_matrices) || !self.has_extension(device, ash::khr::cooperative_matrix::NAME) {
-            return None;
-        }
-        let mut matrices = vk::PhysicalDeviceCooperativeMatrixFeaturesKHR::default();
-        let mut core = vk::PhysicalDeviceVulkan12Features::default();
-        let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut matrices).push_next(&mut core);
-        let mut stages = vk::PhysicalDeviceCooperativeMatrixPropertiesKHR::default();
-        let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut stages);
-        // SAFETY: the chains hold only structures of Vulkan 1.2 and of an extension of the device.
-        unsafe {
-            self.raw.get_physical_device_features2(device, &mut features);
-            self.raw.get_physical_device_properties2(device, &mut properties);
-        }
-        let shared_bytes = properties.properties.limits.max_compute_shared_memory_size;
-        // With that model other kernels' atomics, which name no scope, need its device scope.
-        let model = [core.vulkan_memory_model, core.vulkan_memory_model_device_scope];
-        let enough = shared_bytes >= COOP_SHARED_BYTES
-            && [matrices.cooperative_matrix, core.shader_float16] == [vk::TRUE; 2]
-            && model == [vk::TRUE; 2]
-            && stages.cooperative_matrix_supported_stages.contains(vk::ShaderStageFlags::COMPUTE);
-        if !enough {
-            return None;
-        }
-        let loader = ash::khr::cooperative_matrix::Instance::new(&self.entry, &self.raw);
-        // SAFETY: the device belongs to this instance and has the extension.
-        let kinds = unsafe { loader.get_physical_device_cooperative_matrix_properties(device) }.unwrap_or_default();
-        let (half, full) = (vk::ComponentTypeKHR::FLOAT16, vk::ComponentTypeKHR::FLOAT32);
-        kinds
-            .iter()
-            .filter(|kind| [kind.a_type, kind.b_type, kind.c_type, kind.result_type] == [half, half, full, full])
-            .filter(|kind| kind.scope == vk::ScopeKHR::SUBGROUP)
-            .filter_map(|kind| Cooperation::new([kind.m_size, kind.n_size, kind.k_size], subgroup_size))
-            .max_by_key(|shape| shape.m * shape.n * shape.k)
-    }
+    let loader = ash::khr::cooperative_matrix::Instance::new(entry, instance);
+    // SAFETY: the device belongs to this instance and has the extension.
+    let kinds = unsafe { loader.get_physical_device_cooperative_matrix_properties(device) }.unwrap_or_default();
+    let (half, full) = (vk::ComponentTypeKHR::FLOAT16, vk::ComponentTypeKHR::FLOAT32);
+    kinds
+        .iter()
+        .filter(|kind| [kind.a_type, kind.b_type, kind.c_type, kind.result_type] == [half, half, full, full])
+        .filter(|kind| kind.scope == vk::ScopeKHR::SUBGROUP)
+        .filter_map(|kind| Cooperation::new([kind.m_size, kind.n_size, kind.k_size], subgroup_size))
+        .max_by_key(|shape| shape.m * shape.n * shape.k)
 }

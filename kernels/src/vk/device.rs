@@ -1,108 +1,22 @@
 //! Opening a device, and what all its buffers and recorders share.
 
-use std::ffi::{CStr, c_char};
+#[cfg(feature = "validation")]
+use std::ffi::CStr;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use ash::vk;
 use ash::vk::Handle;
 
-use super::buffer::BufferInner;
 use super::cooperation::Cooperation;
 use super::family::{FamilySelect, KernelFamily};
+use super::info::{DeviceInfo, HostAccess, MemoryUse};
+use super::instance::Instance;
 use super::memory::Memory;
 use super::pipeline::PipelineCache;
-use super::recorder::Slot;
+use super::result::check;
 use super::select::DeviceSelect;
-use super::{check, debug};
+use super::slot::Slot;
 use crate::error::KernelError;
-
-const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
-
-/// What runs the kernels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DeviceKind {
-    /// A GPU on a card of its own.
-    Discrete,
-    /// A GPU beside the processor.
-    Integrated,
-    /// A GPU that a virtual machine shows.
-    Virtual,
-    /// The processor itself, by a software driver such as lavapipe.
-    Cpu,
-    /// Anything else.
-    Other,
-}
-
-impl From<vk::PhysicalDeviceType> for DeviceKind {
-    fn from(raw: vk::PhysicalDeviceType) -> Self {
-        match raw {
-            vk::PhysicalDeviceType::DISCRETE_GPU => Self::Discrete,
-            vk::PhysicalDeviceType::INTEGRATED_GPU => Self::Integrated,
-            vk::PhysicalDeviceType::VIRTUAL_GPU => Self::Virtual,
-            vk::PhysicalDeviceType::CPU => Self::Cpu,
-            _ => Self::Other,
-        }
-    }
-}
-
-/// What is known of a device before it is opened.
-#[derive(Clone, Debug)]
-pub struct DeviceInfo {
-    /// Driver's device name.
-    pub name: String,
-    /// CPU, integrated, discrete, …
-    pub kind: DeviceKind,
-    /// PCI number of its maker.
-    pub vendor: u32,
-    /// Driver name and version in words.
-    pub driver: String,
-    /// Device UUID, 32 hex digits.
-    pub uuid: String,
-    /// PCI address where the driver tells it.
-    pub pci: Option<String>,
-    /// Largest storage-buffer binding in bytes.
-    pub max_storage_bytes: u32,
-    /// Largest texel buffer in texels.
-    pub max_texel_elements: u32,
-    /// Largest dispatch along x, in workgroups.
-    pub max_groups_x: u32,
-    /// Invocations per subgroup.
-    pub subgroup_size: u32,
-    /// Whether compute shaders may pass values between the lanes of a subgroup.
-    pub has_shuffles: bool,
-    /// Whether loads out of range give zeros.
-    pub has_robust_loads: bool,
-    /// The cooperative matrices that [`Half`](crate::nn::pack::Precision::Half) takes.
-    pub cooperation: Option<Cooperation>,
-    /// Nanoseconds per timestamp tick.
-    pub timestamp_period_ns: f32,
-}
-
-/// Device memory in buffers.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct MemoryUse {
-    /// Bytes in use now.
-    pub live_bytes: u64,
-    /// Largest value of `live_bytes` so far.
-    pub peak_bytes: u64,
-    /// Bytes taken from the driver now: what is in use, and what lies idle in blocks.
-    pub reserved_bytes: u64,
-    /// Largest value of `reserved_bytes` so far.
-    pub peak_reserved_bytes: u64,
-    /// Allocations made so far, freed ones among them.
-    pub allocations: u64,
-}
-
-/// How the host reaches the memory of buffers that kernels work in.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum HostAccess {
-    /// Directly where the driver maps it, through staging memory elsewhere.
-    #[default]
-    Mapped,
-    /// Through staging memory always, as on cards whose memory the host cannot see. Slower; for finding out on any
-    /// machine what such a card would do.
-    Staged,
-}
 
 /// How a device is opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -142,139 +56,6 @@ pub(super) struct DeviceInner {
     instance: Instance,
 }
 
-/// The Vulkan instance and its messenger.
-pub(super) struct Instance {
-    pub(super) raw: ash::Instance,
-    messenger: Option<(ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    pub(super) entry: ash::Entry,
-}
-
-impl Instance {
-    fn new() -> Result<Self, KernelError> {
-        // SAFETY: loading the system's Vulkan loader has no precondition beyond its being one.
-        let entry = unsafe { ash::Entry::load() }.map_err(|e| KernelError::NoDriver { reason: e.to_string() })?;
-        let validation = cfg!(feature = "validation") && has_layer(&entry);
-        let layers: Vec<*const c_char> = if validation { vec![VALIDATION_LAYER.as_ptr()] } else { Vec::new() };
-        let extensions: Vec<*const c_char> =
-            if validation { vec![ash::ext::debug_utils::NAME.as_ptr()] } else { Vec::new() };
-        let application = vk::ApplicationInfo::default().application_name(c"guard4d").api_version(vk::API_VERSION_1_2);
-        let enables = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
-        let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enables);
-        // Hears what is said while the instance is made and destroyed, when no messenger exists.
-        let mut early = messenger_info();
-        let mut info = vk::InstanceCreateInfo::default()
-            .application_info(&application)
-            .enabled_layer_names(&layers)
-            .enabled_extension_names(&extensions);
-        if validation {
-            info = info.push_next(&mut features).push_next(&mut early);
-        }
-        // SAFETY: every pointer in `info` outlives the call.
-        let raw = unsafe { entry.create_instance(&info, None) }
-            .map_err(|e| KernelError::NoDriver { reason: format!("vkCreateInstance: {e}") })?;
-        let messenger = if validation { Some(messenger(&entry, &raw)?) } else { None };
-        Ok(Self { raw, messenger, entry })
-    }
-
-    fn devices(&self) -> Result<Vec<(vk::PhysicalDevice, DeviceInfo)>, KernelError> {
-        // SAFETY: the instance is alive.
-        let all = check("vkEnumeratePhysicalDevices", unsafe { self.raw.enumerate_physical_devices() })?;
-        Ok(all.into_iter().map(|d| (d, self.describe(d))).collect())
-    }
-
-    fn describe(&self, device: vk::PhysicalDevice) -> DeviceInfo {
-        let has_pci = self.has_extension(device, ash::ext::pci_bus_info::NAME);
-        let mut pci = vk::PhysicalDevicePCIBusInfoPropertiesEXT::default();
-        let mut id = vk::PhysicalDeviceIDProperties::default();
-        let mut driver = vk::PhysicalDeviceDriverProperties::default();
-        let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
-        let mut properties =
-            vk::PhysicalDeviceProperties2::default().push_next(&mut id).push_next(&mut driver).push_next(&mut subgroup);
-        if has_pci {
-            properties = properties.push_next(&mut pci);
-        }
-        // SAFETY: the chain holds only structures that the device's version and extensions define.
-        unsafe { self.raw.get_physical_device_properties2(device, &mut properties) };
-        let base = properties.properties;
-        let text = |t: Result<&CStr, _>| t.map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-        DeviceInfo {
-            name: text(base.device_name_as_c_str()),
-            kind: base.device_type.into(),
-            vendor: base.vendor_id,
-            driver: format!("{} {}", text(driver.driver_name_as_c_str()), text(driver.driver_info_as_c_str())),
-            uuid: id.device_uuid.iter().map(|b| format!("{b:02x}")).collect(),
-            pci: has_pci.then(|| {
-                format!("{:04x}:{:02x}:{:02x}.{:x}", pci.pci_domain, pci.pci_bus, pci.pci_device, pci.pci_function)
-            }),
-            max_storage_bytes: base.limits.max_storage_buffer_range,
-            max_texel_elements: base.limits.max_texel_buffer_elements,
-            max_groups_x: base.limits.max_compute_work_group_count[0],
-            subgroup_size: subgroup.subgroup_size,
-            has_shuffles: subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE)
-                && subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE),
-            has_robust_loads: self.has_robust_loads(device),
-            cooperation: self.cooperation(device, subgroup.subgroup_size),
-            timestamp_period_ns: base.limits.timestamp_period,
-        }
-    }
-
-    fn has_robust_loads(&self, device: vk::PhysicalDevice) -> bool {
-        if !self.has_extension(device, ash::ext::robustness2::NAME) {
-            return false;
-        }
-        let mut robustness = vk::PhysicalDeviceRobustness2FeaturesEXT::default();
-        let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut robustness);
-        // SAFETY: the chain holds only a structure that an extension of the device defines.
-        unsafe { self.raw.get_physical_device_features2(device, &mut features) };
-        robustness.robust_buffer_access2 == vk::TRUE
-    }
-
-    pub(super) fn has_extension(&self, device: vk::PhysicalDevice, name: &CStr) -> bool {
-        // SAFETY: the physical device belongs to this instance.
-        let list = unsafe { self.raw.enumerate_device_extension_properties(device) }.unwrap_or_default();
-        list.iter().any(|e| e.extension_name_as_c_str() == Ok(name))
-    }
-}
-
-impl Drop for Instance {
-    fn drop(&mut self) {
-        // SAFETY: the device made from this instance is destroyed before it (field order and
-        // `DeviceInner::drop`), and nothing else was made from it.
-        unsafe {
-            if let Some((loader, messenger)) = &self.messenger {
-                loader.destroy_debug_utils_messenger(*messenger, None);
-            }
-            self.raw.destroy_instance(None);
-        }
-    }
-}
-
-fn has_layer(entry: &ash::Entry) -> bool {
-    // SAFETY: the entry is a loaded Vulkan loader.
-    let layers = unsafe { entry.enumerate_instance_layer_properties() }.unwrap_or_default();
-    layers.iter().any(|l| l.layer_name_as_c_str() == Ok(VALIDATION_LAYER))
-}
-
-fn messenger_info() -> vk::DebugUtilsMessengerCreateInfoEXT<'static> {
-    use vk::{DebugUtilsMessageSeverityFlagsEXT as Severity, DebugUtilsMessageTypeFlagsEXT as Kind};
-    vk::DebugUtilsMessengerCreateInfoEXT::default()
-        .message_severity(Severity::ERROR | Severity::WARNING)
-        .message_type(Kind::VALIDATION | Kind::PERFORMANCE | Kind::GENERAL)
-        .pfn_user_callback(Some(debug::on_message))
-}
-
-fn messenger(
-    entry: &ash::Entry,
-    instance: &ash::Instance,
-) -> Result<(ash::ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT), KernelError> {
-    let loader = ash::ext::debug_utils::Instance::new(entry, instance);
-    let info = messenger_info();
-    // SAFETY: the extension is enabled and the callback matches the required signature.
-    let messenger =
-        check("vkCreateDebugUtilsMessengerEXT", unsafe { loader.create_debug_utils_messenger(&info, None) })?;
-    Ok((loader, messenger))
-}
-
 impl Device {
     /// What the loader finds on this machine, in its order.
     ///
@@ -287,8 +68,8 @@ impl Device {
     /// Opens the device that `select` means, with the kernels that suit it.
     ///
     /// # Errors
-    /// [`KernelError::NoDriver`], [`KernelError::NoDevice`], or [`KernelError::Unsuitable`] when the device has no compute
-    /// queue with timestamps.
+    /// [`KernelError::NoDriver`], [`KernelError::NoDevice`], or [`KernelError::Unsuitable`] when the device has no
+    /// compute queue with timestamps.
     pub fn open(select: &DeviceSelect) -> Result<Self, KernelError> {
         Self::open_with(select, DeviceOptions::default())
     }
@@ -369,6 +150,14 @@ impl Device {
         self.inner.instance.messenger.is_some()
     }
 
+    /// How its subgroups multiply matrices of 16-bit floats.
+    ///
+    /// # Errors
+    /// [`KernelError::Unsuitable`] when they do not.
+    pub fn cooperation(&self) -> Result<Cooperation, KernelError> {
+        self.inner.info.needed_cooperation()
+    }
+
     pub(super) fn inner(&self) -> &Arc<DeviceInner> {
         &self.inner
     }
@@ -384,54 +173,6 @@ impl Device {
         unsafe {
             loader.submit_debug_utils_message(severity, vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION, &data);
         }
-    }
-}
-
-impl Instance {
-    fn compute_family(&self, physical: vk::PhysicalDevice, info: &DeviceInfo) -> Result<u32, KernelError> {
-        // SAFETY: the physical device belongs to this instance.
-        let families = unsafe { self.raw.get_physical_device_queue_family_properties(physical) };
-        let usable = |f: &vk::QueueFamilyProperties| {
-            f.queue_flags.contains(vk::QueueFlags::COMPUTE) && f.timestamp_valid_bits > 0
-        };
-        (0u32..).zip(&families).find(|(_, f)| usable(f)).map(|(i, _)| i).ok_or_else(|| KernelError::Unsuitable {
-            device: info.name.clone(),
-            what: "a compute queue with timestamps".to_owned(),
-        })
-    }
-
-    fn create_device(
-        &self,
-        physical: vk::PhysicalDevice,
-        device: &DeviceInfo,
-        family: u32,
-    ) -> Result<ash::Device, KernelError> {
-        let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
-        // Texel loads out of range must give zeros: the lane kernels pad with them. The tile kernels look at the range.
-        let robust = device.has_robust_loads;
-        let matrices = device.cooperation.is_some();
-        let wanted = [(robust, ash::ext::robustness2::NAME), (matrices, ash::khr::cooperative_matrix::NAME)];
-        let extensions: Vec<*const c_char> =
-            wanted.iter().filter_map(|(want, name)| want.then_some(name.as_ptr())).collect();
-        let mut robustness = vk::PhysicalDeviceRobustness2FeaturesEXT::default().robust_buffer_access2(true);
-        let mut cooperation = vk::PhysicalDeviceCooperativeMatrixFeaturesKHR::default().cooperative_matrix(true);
-        let mut core = vk::PhysicalDeviceVulkan12Features::default()
-            .shader_float16(true)
-            .vulkan_memory_model(true)
-            .vulkan_memory_model_device_scope(true);
-        let features = vk::PhysicalDeviceFeatures::default().robust_buffer_access(true);
-        let mut info = vk::DeviceCreateInfo::default()
-            .queue_create_infos(&queues)
-            .enabled_extension_names(&extensions)
-            .enabled_features(&features);
-        if robust {
-            info = info.push_next(&mut robustness);
-        }
-        if matrices {
-            info = info.push_next(&mut cooperation).push_next(&mut core);
-        }
-        // SAFETY: every pointer in `info` outlives the call; the features were offered.
-        check("vkCreateDevice", unsafe { self.raw.create_device(physical, &info, None) })
     }
 }
 
@@ -478,21 +219,6 @@ impl DeviceInner {
             check("vkWaitForFences", self.raw.wait_for_fences(&[fence], true, u64::MAX))?;
             check("vkResetFences", self.raw.reset_fences(&[fence]))
         }
-    }
-
-    /// Copies bytes between buffers in a submission of its own.
-    pub(super) fn copy_now(
-        self: &Arc<Self>,
-        from: &Arc<BufferInner>,
-        from_offset: u64,
-        to: &Arc<BufferInner>,
-        to_offset: u64,
-        bytes: u64,
-    ) -> Result<(), KernelError> {
-        let mut recorder = super::Recorder::new(self)?;
-        let region = vk::BufferCopy { src_offset: from_offset, dst_offset: to_offset, size: bytes };
-        recorder.copy_region(from, to, region);
-        recorder.submit().map(drop)
     }
 }
 

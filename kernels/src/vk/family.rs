@@ -2,17 +2,17 @@
 
 use std::str::FromStr;
 
-use super::device::{DeviceInfo, DeviceKind};
+use super::info::{DeviceInfo, DeviceKind};
 use crate::error::KernelError;
 
 /// Lanes that the lane kernels need in one subgroup; their workgroups are this wide.
 const MIN_SUBGROUP: u32 = 8;
-/// Texels that a texel buffer must be able to hold for the lane kernels: 2 GiB of them, which lavapipe and all GPU drivers
-/// grant. Less, such as the 65,536 that Vulkan promises, is no picture.
+/// Texels that a texel buffer must be able to hold for the lane kernels: 2 GiB of them, which lavapipe and all GPU
+/// drivers grant. Less, such as the 65,536 that Vulkan promises, is no picture.
 const MIN_TEXELS: u32 = 1 << 27;
 
-/// A set of kernels. Every shader is compiled for both, with the same bindings, parameters and workgroups, so that a host
-/// wrapper needs to know of it only where it has two programs to choose from.
+/// A set of kernels. Every shader is compiled for both, with the same bindings, parameters and workgroups, so that a
+/// host wrapper needs to know of it only where it has two programs to choose from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KernelFamily {
     /// Reads texel buffers and passes values through shuffles of eight lanes: the fastest way on processors, whose

@@ -4,7 +4,7 @@ use ash::vk;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
 use gpu_allocator::{AllocationError, AllocationSizes, AllocatorDebugSettings, MemoryLocation};
 
-use super::device::{DeviceKind, MemoryUse};
+use super::info::{DeviceKind, MemoryUse};
 use crate::error::KernelError;
 
 /// Buffers that an allocation error names: those that hold the most.
@@ -13,8 +13,8 @@ const NAMED_IN_ERRORS: usize = 3;
 const BLOCKS_PER_HEAP: u64 = 2048;
 /// Bytes of the first block, and of a later one at most; part of the last one is idle.
 const BLOCK_BYTES: std::ops::RangeInclusive<u64> = 4 << 20..=64 << 20;
-/// Buffers of at least this many bytes take memory of their own where the driver grants allocations enough: in blocks they
-/// would leave gaps between them when some of them go, and keep blocks of which little is in use.
+/// Buffers of at least this many bytes take memory of their own where the driver grants allocations enough: in blocks
+/// they would leave gaps between them when some of them go, and keep blocks of which little is in use.
 const OWN_BYTES: u64 = 4 << 10;
 
 /// What a buffer is for, which decides where it lives.
@@ -31,9 +31,9 @@ pub(super) enum Purpose {
 /// Memory types for the buffers that kernels work on, as masks over `types`; the first that fits is taken, the next
 /// when it is full.
 ///
-/// Where device and processor share one memory, it should be mapped: the host then reads and writes it in place, without
-/// a second buffer and a submission. It should be cached too, or host reads go to memory word by word. A card's mapped
-/// memory lies behind the bus, where the host reads slower than the card copies; so on a card it comes last.
+/// Where device and processor share one memory, it should be mapped: the host then reads and writes it in place,
+/// without a second buffer and a submission. It should be cached too, or host reads go to memory word by word. A card's
+/// mapped memory lies behind the bus, where the host reads slower than the card copies; so on a card it comes last.
 #[must_use]
 pub fn work_memory(types: &[vk::MemoryType], kind: DeviceKind) -> Vec<u32> {
     use vk::MemoryPropertyFlags as Property;
@@ -132,7 +132,8 @@ impl Memory {
     pub(super) fn allocate(
         &mut self,
         name: &str,
-        (buffer, requirements): (vk::Buffer, vk::MemoryRequirements),
+        buffer: vk::Buffer,
+        requirements: vk::MemoryRequirements,
         purpose: Purpose,
     ) -> Result<Allocation, KernelError> {
         let size = requirements.size;

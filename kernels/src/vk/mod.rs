@@ -6,36 +6,26 @@ mod cooperation;
 mod debug;
 mod device;
 mod family;
+mod info;
+mod instance;
 mod memory;
 mod pipeline;
 mod recorder;
-mod section;
+mod result;
 mod select;
+mod slot;
+mod transfer;
 
+pub use ash::vk::{MemoryPropertyFlags, MemoryType};
 pub use assignment::Assignment;
 pub use buffer::{Buffer, Element};
 pub use cooperation::Cooperation;
 pub(crate) use cooperation::TILE as COOP_TILE;
 pub use debug::take_validation_errors;
-pub use device::{Device, DeviceInfo, DeviceKind, DeviceOptions, HostAccess, MemoryUse};
+pub use device::{Device, DeviceOptions};
 pub use family::{FamilySelect, KernelFamily};
+pub use info::{DeviceInfo, DeviceKind, HostAccess, MemoryUse};
 pub use memory::work_memory;
 pub use pipeline::{BindingDef, BindingKind, KernelDef};
-pub use recorder::{Bindings, Bound, Grid, PassTime, Recorder, Timings, last_finished};
-pub use section::Section;
+pub use recorder::{Bindings, Bound, Grid, PassTime, Recorder, Section, Timings, last_finished};
 pub use select::DeviceSelect;
-
-use ash::vk;
-pub use ash::vk::{MemoryPropertyFlags, MemoryType};
-
-use crate::error::KernelError;
-
-/// Turns a Vulkan result into an error that names the call.
-fn check<T>(call: &'static str, result: Result<T, vk::Result>) -> Result<T, KernelError> {
-    result.map_err(|code| match code {
-        vk::Result::ERROR_DEVICE_LOST => {
-            KernelError::DeviceLost { last_pass: format!("unknown, `{call}` found it lost") }
-        }
-        other => KernelError::Vulkan { call, code: other.to_string() },
-    })
-}

@@ -5,9 +5,9 @@ use std::sync::{Arc, Mutex};
 
 use ash::vk;
 
-use super::check;
-use super::device::DeviceInfo;
 use super::family::KernelFamily;
+use super::info::DeviceInfo;
+use super::result::check;
 use crate::error::KernelError;
 
 /// What a shader declares, and so how a descriptor is bound.

@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use super::assignment::Assignment;
-use super::device::{DeviceInfo, DeviceKind};
+use super::info::{DeviceInfo, DeviceKind};
 use crate::error::KernelError;
 
 /// `auto`, `cpu`, an index of `guard4d devices`, `name:…`, `uuid:…` or `pci:…`.

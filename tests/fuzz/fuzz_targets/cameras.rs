@@ -3,9 +3,9 @@
 
 use std::path::Path;
 
-use guard4d_engine::scene::{CameraSet, ImageSize};
+use guard4d_engine::scene::{CameraSet, FrameSize};
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
-    let size = ImageSize::new(64, 48).expect("a size");
+    let size = FrameSize::new(64, 48).expect("a size");
     let _ = CameraSet::parse(Path::new("transforms.json"), data, size);
 });

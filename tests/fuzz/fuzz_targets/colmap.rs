@@ -1,7 +1,7 @@
 //! COLMAP's binary files: the first byte says what share of the others are cameras.
 #![no_main]
 
-use guard4d_engine::scene::{CameraSet, ImageSize};
+use guard4d_engine::scene::{CameraSet, FrameSize};
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let Some((share, rest)) = data.split_first() else { return };
@@ -9,5 +9,5 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     std::fs::write(folder.path().join("cameras.bin"), cameras).expect("writable");
     std::fs::write(folder.path().join("images.bin"), images).expect("writable");
-    let _ = CameraSet::open(folder.path(), ImageSize::new(64, 48).expect("a size"));
+    let _ = CameraSet::open(folder.path(), FrameSize::new(64, 48).expect("a size"));
 });

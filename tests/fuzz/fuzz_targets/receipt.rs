@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use guard4d_engine::watermark::receipt::Receipt;
+use guard4d_engine::release::receipt::Receipt;
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     if let Ok(receipt) = Receipt::parse(Path::new("receipt.json"), data) {

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use guard4d_engine::tensor_file::TensorFile;
+use guard4d_engine::base::tensor_file::TensorFile;
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let _ = TensorFile::from_bytes(Path::new("owner.key"), data);

@@ -48,7 +48,7 @@ fn gpu_follows_the_twin_poison_included() {
         let n = clip.pixels() * 4;
         let clean = Random(n as u64).vec_f32(2 * n, 0.0, 1.0);
         let on_gpu = |data: &[f32]| {
-            both_ways(&gpu, data.split_at(n), |rec, [x, v_y], [y, v_x]| {
+            both_ways(&gpu, &data[..n], &data[n..], |rec, [x, v_y], [y, v_x]| {
                 forward(rec, clip, x, y)?;
                 backward(rec, clip, v_y, v_x)
             })

@@ -14,19 +14,20 @@ use crate::support::random::Random;
 
 const BY: Normalization = Normalization { mean: [0.5, 0.4, 0.3], std: [0.2, 0.3, 0.4] };
 
-const fn crop((frame, frames): (usize, usize), corner: [usize; 2], size: [usize; 2], cells: Cells) -> Crop {
+const fn crop(frame: usize, frames: usize, corner: [usize; 2], size: [usize; 2], cells: Cells) -> Crop {
     let [height, width] = size;
     let full = ImageSize { height: 9, width: 11 };
     Crop { window: Window { frame, frames, corner, size: ImageSize { height, width }, full }, cells }
 }
 
-/// A whole clip pixel by pixel, windows in cells of four with a border, cells that leave out the last pixels, an empty one.
+/// A whole clip pixel by pixel, windows in cells of four with a border, cells that leave out the last pixels, an empty
+/// one.
 const CROPS: [Crop; 5] = [
-    crop((0, 2), [0, 0], [9, 11], Cells { grid: [9, 11], patch: 1, padding: 0 }),
-    crop((1, 1), [2, 3], [7, 8], Cells { grid: [3, 3], patch: 4, padding: 2 }),
-    crop((0, 2), [1, 0], [8, 10], Cells { grid: [2, 2], patch: 4, padding: 0 }),
-    crop((1, 1), [8, 10], [1, 1], Cells { grid: [2, 3], patch: 3, padding: 1 }),
-    crop((0, 0), [0, 0], [4, 4], Cells { grid: [2, 2], patch: 2, padding: 0 }),
+    crop(0, 2, [0, 0], [9, 11], Cells { grid: [9, 11], patch: 1, padding: 0 }),
+    crop(1, 1, [2, 3], [7, 8], Cells { grid: [3, 3], patch: 4, padding: 2 }),
+    crop(0, 2, [1, 0], [8, 10], Cells { grid: [2, 2], patch: 4, padding: 0 }),
+    crop(1, 1, [8, 10], [1, 1], Cells { grid: [2, 3], patch: 3, padding: 1 }),
+    crop(0, 0, [0, 0], [4, 4], Cells { grid: [2, 2], patch: 2, padding: 0 }),
 ];
 /// Floats of a clip of two frames.
 const CLIP: usize = 2 * 9 * 11 * 4;
@@ -50,8 +51,8 @@ fn on_gpu(gpu: &Device, crop: &Crop, x: &[f32], v_y: &[f32]) -> Vec<f32> {
     let mut y = upload(gpu, &vec![7.0; first + v_y.len()]);
     let (x, v_y, mut v_x) = (upload(gpu, x), upload(gpu, v_y), upload(gpu, &[0.5; CLIP]));
     run(gpu, |rec| {
-        forward(rec, (crop, &BY), &x, (&mut y, 1))?;
-        backward(rec, (crop, &BY), &v_y, &mut v_x)
+        forward(rec, crop, &BY, &x, &mut y, 1)?;
+        backward(rec, crop, &BY, &v_y, &mut v_x)
     });
     let y = y.read().expect("read");
     assert!(y[..first].iter().all(|v| *v == 7.0), "the frame before is untouched");
@@ -89,7 +90,7 @@ fn windows_outside_the_clip_are_refused() {
     let Some(gpu) = device() else { return };
     let (x, mut y) = (upload(&gpu, &[0.0; CLIP]), upload(&gpu, &[0.0; 2 * 9 * 11 * 8]));
     let mut rec = gpu.recorder().expect("recorder");
-    let mut refused = |crop: Crop, y_frame| forward(&mut rec, (&crop, &BY), &x, (&mut y, y_frame));
+    let mut refused = |crop: Crop, y_frame| forward(&mut rec, &crop, &BY, &x, &mut y, y_frame);
     let whole = CROPS[0];
     let wrong = refused(Crop { window: Window { corner: [1, 0], ..whole.window }, ..whole }, 0);
     assert!(matches!(wrong, Err(KernelError::Shape { buffer: "window", .. })), "{wrong:?}");

@@ -40,7 +40,8 @@ fn steps_scale_as_in_libjpeg() {
         let steps = steps(quality);
         [steps[0], steps[63], steps[64], steps[127]]
     };
-    // Quality 50 is the standard's tables; 10 is five times as coarse and stops at 255; 100 does not round at all but to 1.
+    // Quality 50 is the standard's tables; 10 is five times as coarse and stops at 255; 100 does not round at all but
+    // to 1.
     assert_eq!(sample(50), [16.0, 99.0, 17.0, 99.0]);
     assert_eq!(sample(10), [80.0, 255.0, 85.0, 255.0]);
     assert_eq!(sample(75), [8.0, 50.0, 9.0, 50.0]);
@@ -64,8 +65,9 @@ fn pictures_are_what_libjpeg_makes_of_them() {
             assert!(lost > 0.3, "{name} at quality {quality}: the picture hardly changes, {lost} levels");
             let Some(gpu) = device() else { continue };
             let got = on_gpu(&gpu, clip, quality, &x);
-            // libjpeg computes with whole numbers and rounds twice, up to half a level each time; and what it clips where
-            // this does not, because it interpolates chroma that this repeats, shows in the luma of strong colours.
+            // libjpeg computes with whole numbers and rounds twice, up to half a level each time; and what it clips
+            // where this does not, because it interpolates chroma that this repeats, shows in the luma of strong
+            // colours.
             let off = rms(&luma(&got), &luma(&want));
             assert!(off < 1.5, "{name} at quality {quality}: luma is {off} levels from libjpeg's");
             // That interpolation is a part of what the file loses in colour, and nothing of it in a grey picture.
@@ -90,7 +92,8 @@ fn gpu_follows_the_twin() {
             want.extend(y.iter().map(|v| *v as f32));
             tie = tie.min(closest);
         }
-        // Sums of 64 numbers up to 255 in floats are off by some 1e-4; no coefficient may be rounded the other way for it.
+        // Sums of 64 numbers up to 255 in floats are off by some 1e-4; no coefficient may be rounded the other way for
+        // it.
         assert!(tie > 5e-5, "seed {seed}: a coefficient is {tie} steps from a tie; take another seed");
         // Coefficients are whole numbers of steps then, and only the way back rounds: 64 numbers up to 2000 levels.
         assert_close(&on_gpu(&gpu, clip, quality, &x), &want, 2e-5, 0.0);
@@ -104,7 +107,7 @@ fn gradient_passes_the_rounding() {
     let n = clip.pixels() * 4;
     let mut random = Random(9);
     let (x, v_y) = (random.vec_f32(n, 0.2, 0.8), random.vec_f32(n, -1.0, 1.0));
-    let [_, v_x] = both_ways(&gpu, (&x, &v_y), |rec, [_, v_y], [_, v_x]| backward(rec, clip, v_y, v_x));
+    let [_, v_x] = both_ways(&gpu, &x, &v_y, |rec, [_, v_y], [_, v_x]| backward(rec, clip, v_y, v_x));
     let wide = |v: &[f32]| v.iter().map(|v| f64::from(*v)).collect::<Vec<f64>>();
     let (x, v_y) = (wide(&x), wide(&v_y));
     let grad = twin::backward(&v_y, [6, 7], maps());

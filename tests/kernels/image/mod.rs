@@ -27,7 +27,7 @@ fn follows_the_twin(
     let Some(gpu) = device() else { return };
     for n in [0, 1, 65, 300] {
         let clean = Random(n as u64).vec_f32(n * 8, 0.0, 1.0);
-        let on_gpu = |data: &[f32]| both_ways(&gpu, data.split_at(n * 4), &on_gpu).concat();
+        let on_gpu = |data: &[f32]| both_ways(&gpu, &data[..n * 4], &data[n * 4..], &on_gpu).concat();
         let on_host = |data: &[f32]| on_host(&data[..n * 4], &data[n * 4..]).concat();
         // The last pixel of x and of v_y: a colour, then the fourth channel.
         let places: &[usize] = if n == 0 { &[] } else { &[n * 4 - 3, n * 8 - 3, n * 4 - 1, n * 8 - 1] };

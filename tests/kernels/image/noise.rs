@@ -24,7 +24,7 @@ fn twin_gradient_matches_differences() {
 
 /// y and v_x.
 fn noisy(gpu: &Gpu, noise: Noise, x: &[f32], v_y: &[f32]) -> [Vec<f32>; 2] {
-    both_ways(gpu, (x, v_y), |rec, [x, v_y], [y, v_x]| {
+    both_ways(gpu, x, v_y, |rec, [x, v_y], [y, v_x]| {
         forward(rec, &noise, x, y)?;
         backward(rec, &noise, x, v_y, v_x)
     })

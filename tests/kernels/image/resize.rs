@@ -27,7 +27,7 @@ fn on_gpu(gpu: &Gpu, [from, to]: [[usize; 2]; 2], x: &[f32], v_y: &[f32], onward
     let mut v_x = unwritten(gpu, x.len());
     run(gpu, |rec| {
         forward(rec, &plan, &x, &mut y, &mut scratch)?;
-        backward(rec, &plan, &v_y, (&mut v_x, onward), &mut scratch)
+        backward(rec, &plan, &v_y, &mut v_x, onward, &mut scratch)
     });
     [y.read().expect("read"), v_x.read().expect("read")]
 }
@@ -121,13 +121,13 @@ fn a_blur_follows_the_twin_keeps_grey_and_is_adjoint() {
             run(&gpu, |rec| {
                 forward(rec, &plan, &x, y, &mut scratch)?;
                 forward(rec, &plan, &even, grey, &mut scratch)?;
-                backward(rec, &plan, &v_y, (v_x, Onward::default()), &mut scratch)
+                backward(rec, &plan, &v_y, v_x, Onward::default(), &mut scratch)
             });
             out.map(|buffer| buffer.read().expect("read"))
         };
         let axes = shape.map(|n| twin::blur_matrix::<f32>(n, blur.sigma, blur.radius));
         // Two passes of up to 13 products each.
-        assert_close(&y, &twin::filter(&x, shape, shape, (&axes[0], &axes[1])), 2e-6, 1e-6);
+        assert_close(&y, &twin::filter(&x, shape, shape, &axes[0], &axes[1]), 2e-6, 1e-6);
         assert!(grey.chunks_exact(4).all(|p| p[..3].iter().all(|v| (v - 0.5).abs() < 1e-6)), "{blur:?} keeps grey");
         let product = |a: &[f32], b: &[f32]| -> f64 {
             a.iter().zip(b).enumerate().filter(|(i, _)| i % 4 < 3).map(|(_, (a, b))| f64::from(a * b)).sum()

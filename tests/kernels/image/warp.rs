@@ -15,7 +15,7 @@ use crate::support::random::Random;
 const FILL: [f32; 3] = [0.25, 0.5, 0.75];
 
 fn on_gpu(gpu: &Gpu, clip: ClipShape, warp: &Warp, x: &[f32], v_y: &[f32]) -> [Vec<f32>; 2] {
-    both_ways(gpu, (x, v_y), |rec, [x, v_y], [y, v_x]| {
+    both_ways(gpu, x, v_y, |rec, [x, v_y], [y, v_x]| {
         forward(rec, clip, warp, x, y)?;
         backward(rec, clip, warp, v_y, v_x)
     })

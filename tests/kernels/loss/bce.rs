@@ -1,6 +1,6 @@
 //! loss/bce: twin against differences, GPU against the twin, extremes.
 
-use guard4d_kernels::loss::bce::{Groups, Objective, backward, forward};
+use guard4d_kernels::loss::bce::{Answers, Groups, Objective, backward, forward};
 use guard4d_kernels::reference::loss::bce as twin;
 use guard4d_kernels::{Device, KernelError};
 
@@ -49,8 +49,9 @@ fn run(
     let mut value = gpu.buffer("value", groups.groups)?;
     let mut v_logits = gpu.buffer("v_logits", logits.len())?;
     let mut rec = gpu.recorder()?;
-    forward(&mut rec, objective, groups, (&logits, &target), &mut value)?;
-    backward(&mut rec, (objective, 0.7), groups, (&logits, &target, &value), &mut v_logits)?;
+    let answers = Answers { groups, logits: &logits, target: &target };
+    forward(&mut rec, objective, &answers, &mut value)?;
+    backward(&mut rec, objective, 0.7, &answers, &value, &mut v_logits)?;
     rec.submit()?;
     Ok((value.read()?, v_logits.read()?))
 }

@@ -18,10 +18,10 @@ const BLOCKS: Blocks = Blocks { bases: OffsetBases::All, degree: 3, dc: 1.5, res
 #[test]
 fn twin_gradient_matches_differences() {
     let offsets = Random(1).vec(96, -1.0, 1.0);
-    for rows in [(4, 0), (48, 24), (48, 45)] {
-        let grad = twin::step(&offsets, rows, 1.5, 0.25).1;
-        let worst = gradcheck(|x| twin::step(x, rows, 1.5, 0.25).0, &offsets, &grad);
-        assert!(worst < 1e-6, "{rows:?}: {worst}");
+    for (row, num_rest) in [(4, 0), (48, 24), (48, 45)] {
+        let grad = twin::step(&offsets, row, num_rest, 1.5, 0.25).1;
+        let worst = gradcheck(|x| twin::step(x, row, num_rest, 1.5, 0.25).0, &offsets, &grad);
+        assert!(worst < 1e-6, "{row}, {num_rest}: {worst}");
     }
 }
 
@@ -30,7 +30,7 @@ fn on_gpu(gpu: &Gpu, blocks: Blocks, data: &[f32], accumulate: Accumulate) -> (f
     let mut v_offsets = upload(gpu, &vec![0.5; data.len()]);
     let mut values = upload(gpu, &[0.0; 2]);
     let mut scratch = SumScratch::new(gpu, data.len() / 4).expect("scratch");
-    run(gpu, |rec| step(rec, (&offsets, blocks), &mut v_offsets, term(&mut values, 10.0, accumulate), &mut scratch));
+    run(gpu, |rec| step(rec, &offsets, blocks, &mut v_offsets, term(&mut values, 10.0, accumulate), &mut scratch));
     (values.read().expect("read")[1], v_offsets.read().expect("read"))
 }
 
@@ -50,7 +50,7 @@ fn gpu_follows_the_twin() {
             // What does not exist is zero.
             data.chunks_mut(row).for_each(|row| row[3 + num_rest..].fill(0.0));
             let blocks = Blocks { bases, degree, ..BLOCKS };
-            let (want, grad) = twin::step(&data, (row, num_rest), BLOCKS.dc, BLOCKS.rest);
+            let (want, grad) = twin::step(&data, row, num_rest, BLOCKS.dc, BLOCKS.rest);
             let before = if accumulate == Accumulate::Add { 0.5 } else { 0.0 };
             let (value, v_offsets) = on_gpu(&gpu, blocks, &data, accumulate);
             // A mean of squares below 1, summed in another order.
@@ -70,7 +70,7 @@ fn poison_shows_and_wrong_shapes_are_refused() {
         [vec![value], v_offsets].concat()
     };
     let on_host = |data: &[f32]| {
-        let (value, grad) = twin::step(data, (48, 45), BLOCKS.dc, BLOCKS.rest);
+        let (value, grad) = twin::step(data, 48, 45, BLOCKS.dc, BLOCKS.rest);
         [vec![value], grad.iter().map(|g| 10.0 * g).collect()].concat()
     };
     // As above: the value and the own slope, of a DC term and of another.
@@ -80,6 +80,6 @@ fn poison_shows_and_wrong_shapes_are_refused() {
     let mut scratch = SumScratch::new(&gpu, 13).expect("scratch");
     let mut rec = gpu.recorder().expect("recorder");
     let to = term(&mut values, 1.0, Accumulate::Add);
-    let refused = step(&mut rec, (&odd, BLOCKS), &mut v_odd, to, &mut scratch);
+    let refused = step(&mut rec, &odd, BLOCKS, &mut v_odd, to, &mut scratch);
     assert!(matches!(refused, Err(KernelError::Shape { buffer: "offsets", .. })), "{refused:?}");
 }

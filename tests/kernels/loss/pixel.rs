@@ -33,7 +33,8 @@ fn twin_gradient_matches_differences() {
 /// and get twice the weights.
 fn on_gpu(
     gpu: &Gpu,
-    (image, reference): (&[f32], &[f32]),
+    image: &[f32],
+    reference: &[f32],
     weights: PixelWeights,
     num_px: usize,
     accumulate: Accumulate,
@@ -45,11 +46,11 @@ fn on_gpu(
     let pair = PixelPair { image: &image, image_px: 3, reference: &reference, reference_px: 1, num_px };
     run(gpu, |rec| {
         let to = term(&mut values, 2.0, accumulate);
-        step(rec, (&pair, weights), Some(&mut v_image), to, &mut scratch)
+        step(rec, &pair, weights, Some(&mut v_image), to, &mut scratch)
     });
     let values = values.read().expect("read");
     let mut alone = upload(gpu, &[7.0; 4]);
-    run(gpu, |rec| step(rec, (&pair, weights), None, term(&mut alone, 2.0, accumulate), &mut scratch));
+    run(gpu, |rec| step(rec, &pair, weights, None, term(&mut alone, 2.0, accumulate), &mut scratch));
     let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
     let alone = alone.read().expect("read");
     assert_eq!(bits(&alone), bits(&values), "the values do not depend on whether a gradient is wanted");
@@ -59,7 +60,8 @@ fn on_gpu(
 
 /// The same by the twin.
 fn on_host(
-    (image, reference): (&[f32], &[f32]),
+    image: &[f32],
+    reference: &[f32],
     weights: PixelWeights,
     num_px: usize,
     accumulate: Accumulate,
@@ -88,8 +90,8 @@ fn gpu_follows_the_twin() {
             [(0.0, 1.0, Accumulate::Overwrite), (1.0, 0.0, Accumulate::Overwrite), (0.7, 0.4, Accumulate::Add)]
         {
             let weights = PixelWeights { square, absolute };
-            let (values, v_image) = on_gpu(&gpu, (&image, &reference), weights, n, accumulate);
-            let (want, full) = on_host((&image, &reference), weights, n, accumulate);
+            let (values, v_image) = on_gpu(&gpu, &image, &reference, weights, n, accumulate);
+            let (want, full) = on_host(&image, &reference, weights, n, accumulate);
             // A sum of n terms below 1 in another order, divided by n.
             assert_close(&values, &if n == 0 { [0.0; 2] } else { want }, 1e-6, 1e-5);
             assert_close(&v_image, &full, 1e-7, 1e-6);
@@ -106,11 +108,11 @@ fn poison_shows_and_wrong_shapes_are_refused() {
     let joined = |(values, v_image): ([f32; 2], Vec<f32>)| [values.to_vec(), v_image].concat();
     let on_gpu = |data: &[f32]| {
         let (image, reference) = split(data);
-        joined(on_gpu(&gpu, (&image, &reference), both, 7, Accumulate::Overwrite))
+        joined(on_gpu(&gpu, &image, &reference, both, 7, Accumulate::Overwrite))
     };
     let on_host = |data: &[f32]| {
         let (image, reference) = split(data);
-        joined(on_host((&image, &reference), both, 7, Accumulate::Overwrite))
+        joined(on_host(&image, &reference, both, 7, Accumulate::Overwrite))
     };
     // Both values and the own slope; fourth channels and pixels outside the range are not read.
     let reach = poison::spread(&clean, &[20, 19, 9, 40 + 5, 40 + 7, 40 + 33], (1e-6, 1e-5), on_gpu, on_host);
@@ -122,15 +124,15 @@ fn poison_shows_and_wrong_shapes_are_refused() {
     let pair = PixelPair { image: &x, image_px: 3, reference: &x, reference_px: 0, num_px: 8 };
     let mut rec = gpu.recorder().expect("recorder");
     let to = term(&mut values, 1.0, Accumulate::Add);
-    let refused = step(&mut rec, (&pair, both), Some(&mut v_x), to, &mut scratch);
+    let refused = step(&mut rec, &pair, both, Some(&mut v_x), to, &mut scratch);
     assert!(matches!(refused, Err(KernelError::Shape { buffer: "image", .. })), "{refused:?}");
     let pair = PixelPair { image_px: 0, num_px: 10, ..pair };
     let mut tiny = SumScratch::new(&gpu, 0).expect("scratch");
     let to = term(&mut values, 1.0, Accumulate::Add);
-    let refused = step(&mut rec, (&pair, both), Some(&mut v_x), to, &mut tiny);
+    let refused = step(&mut rec, &pair, both, Some(&mut v_x), to, &mut tiny);
     assert!(matches!(refused, Err(KernelError::Shape { buffer: "scratch", .. })), "{refused:?}");
     let mut short = upload(&gpu, &[0.0; 2]);
     let to = term(&mut short, 1.0, Accumulate::Add);
-    let refused = step(&mut rec, (&pair, both), Some(&mut v_x), to, &mut scratch);
+    let refused = step(&mut rec, &pair, both, Some(&mut v_x), to, &mut scratch);
     assert!(matches!(refused, Err(KernelError::Shape { buffer: "values", .. })), "{refused:?}");
 }

@@ -17,11 +17,11 @@ fn gpu_follows_the_twin_and_touches_one_slot() {
         let data = Random(n as u64).vec_f32(n, -1.0, 1.0);
         let partial = upload(&gpu, &data);
         let mut values = upload(&gpu, &[7.0, 7.0, 7.0]);
-        run(&gpu, |rec| finish(rec, (&partial, 0..n), 0.5, (&mut values, 1)));
+        run(&gpu, |rec| finish(rec, &partial, 0..n, 0.5, &mut values, 1));
         let wide: Vec<f64> = data.iter().map(|v| f64::from(*v)).collect();
         // Lane sums of 79 values, then 64 of those: rounding of sums below 50.
         assert_close(&values.read().expect("read"), &[7.0, twin::finish(&wide, 0.5) as f32, 7.0], 2e-5, 0.0);
-        run(&gpu, |rec| finish(rec, (&partial, n / 3..n / 2), 0.5, (&mut values, 2)));
+        run(&gpu, |rec| finish(rec, &partial, n / 3..n / 2, 0.5, &mut values, 2));
         assert_close(&values.read().expect("read")[2..], &[twin::finish(&wide[n / 3..n / 2], 0.5) as f32], 2e-5, 0.0);
     }
 }
@@ -32,7 +32,7 @@ fn poison_shows_and_wrong_slots_are_refused() {
     let clean = Random(2).vec_f32(130, -1.0, 1.0);
     let on_gpu = |data: &[f32]| {
         let (partial, mut values) = (upload(&gpu, data), upload(&gpu, &[7.0; 2]));
-        run(&gpu, |rec| finish(rec, (&partial, 1..129), 0.5, (&mut values, 1)));
+        run(&gpu, |rec| finish(rec, &partial, 1..129, 0.5, &mut values, 1));
         values.read().expect("read")
     };
     let on_host = |data: &[f32]| vec![7.0, twin::finish(&data[1..129], 0.5)];
@@ -41,8 +41,8 @@ fn poison_shows_and_wrong_slots_are_refused() {
 
     let (partial, mut values) = (upload(&gpu, &[1.0; 3]), upload(&gpu, &[0.0]));
     let mut rec = gpu.recorder().expect("recorder");
-    let refused = finish(&mut rec, (&partial, 0..3), 1.0, (&mut values, 1));
+    let refused = finish(&mut rec, &partial, 0..3, 1.0, &mut values, 1);
     assert!(matches!(refused, Err(KernelError::Shape { buffer: "values", .. })), "{refused:?}");
-    let refused = finish(&mut rec, (&partial, 1..4), 1.0, (&mut values, 0));
+    let refused = finish(&mut rec, &partial, 1..4, 1.0, &mut values, 0);
     assert!(matches!(refused, Err(KernelError::Shape { buffer: "partial", .. })), "{refused:?}");
 }

@@ -36,7 +36,7 @@ fn twin_erf_has_known_values() {
 
 /// y and v_x.
 fn on_gpu(gpu: &Device, act: Activation, x: &[f32], v_y: &[f32]) -> [Vec<f32>; 2] {
-    both_ways(gpu, (x, v_y), |rec, [x, v_y], [y, v_x]| {
+    both_ways(gpu, x, v_y, |rec, [x, v_y], [y, v_x]| {
         forward(rec, act, x, y)?;
         backward(rec, act, x, v_y, v_x)
     })

@@ -143,12 +143,12 @@ fn operands(s: &AttentionShape) -> (Vec<f32>, Vec<f32>) {
 
 // Outputs in 16-bit floats: probabilities add up to 1, each is off by at most 2^-11 of itself, and values are <= 2.
 const HALF_OUTPUT: f32 = 1e-3;
-// Base-2 logarithms: sums of up to 64 exact products below 4, where a unit that adds several at once may drop what lies 2^-22
-// below the largest partial sum, here below 64, in each of up to 16 steps; times log2(e) / sqrt(head_dim).
+// Base-2 logarithms: sums of up to 64 exact products below 4, where a unit that adds several at once may drop what lies
+// 2^-22 below the largest partial sum, here below 64, in each of up to 16 steps; times log2(e) / sqrt(head_dim).
 const HALF_LSE: f32 = 2e-4;
-// Gradients: a slope is off by 2^-11 of itself and, by its row term, by its probability times the rounding of the output
-// and of the gradient, 2e-3 in all for 64 elements of both signs; slopes of up to 8 times a probability, factors of 2 and
-// 1/sqrt(head_dim), and probabilities that add up to 5 over the queries of a key.
+// Gradients: a slope is off by 2^-11 of itself and, by its row term, by its probability times the rounding of the
+// output and of the gradient, 2e-3 in all for 64 elements of both signs; slopes of up to 8 times a probability, factors
+// of 2 and 1/sqrt(head_dim), and probabilities that add up to 5 over the queries of a key.
 const HALF_GRADIENT: f32 = 5e-3;
 
 #[test]
@@ -187,8 +187,8 @@ fn half_precision_moves_results_by_its_rounding_alone() {
     for (half, float) in halves.iter().zip(&floats) {
         let length = |v: &mut dyn Iterator<Item = f32>| v.map(|v| v * v).sum::<f32>().sqrt();
         let error = length(&mut half.iter().zip(float).map(|(h, f)| h - f)) / length(&mut float.iter().copied());
-        // Scores up to 32 are off by some 2^-11 of their terms, and probabilities by as much of themselves; the gradient
-        // passes three more roundings of 2^-12 on average.
+        // Scores up to 32 are off by some 2^-11 of their terms, and probabilities by as much of themselves; the
+        // gradient passes three more roundings of 2^-12 on average.
         assert!(error > 1e-6 && error < 3e-3, "{error} of the length: rounded, and no more");
     }
     // What the kernels do not have runs in floats.
@@ -253,7 +253,8 @@ fn poison_reaches_what_attends_to_it() {
     let clean = Random(29).vec_f32(tokens * 4 * width, -1.0, 1.0);
     let at = |token: usize, part: usize| token * 3 * width + part * width + 2;
     let v_attn = tokens * 3 * width;
-    // Query, key and value behind the first tile, a key and a value inside it, the gradient of a late and of an early query.
+    // Query, key and value behind the first tile, a key and a value inside it, the gradient of a late and of an early
+    // query.
     let places = [at(17, 0), at(17, 1), at(17, 2), at(5, 1), at(5, 2), v_attn + 17 * width + 2, v_attn + 3 * width + 2];
     let all = tokens * width;
     // attn and lse, then v_q, v_k, v_v.

@@ -2,8 +2,7 @@
 
 use guard4d_kernels::nn::activation::Activation;
 use guard4d_kernels::nn::conv2d::{Conv2d, FilterBank, Filters, backward, forward};
-use guard4d_kernels::reference::nn::activation as relu;
-use guard4d_kernels::reference::nn::conv2d as twin;
+use guard4d_kernels::reference::nn::{activation as relu, conv2d as twin};
 use guard4d_kernels::{Device, KernelError};
 
 use super::{dot, run, unwritten, upload};
@@ -13,24 +12,32 @@ use crate::support::gradcheck::gradcheck;
 use crate::support::poison;
 use crate::support::random::Random;
 
-const fn shape(
-    (frames, height, width): (usize, usize, usize),
-    (in_channels, out_channels): (usize, usize),
-    (taps, padding): (usize, usize),
-) -> twin::Conv2d {
-    twin::Conv2d { frames, height, width, in_channels, out_channels, taps, padding }
+/// Images `[F, H, W]`.
+const fn images(frames: usize, height: usize, width: usize) -> twin::Conv2d {
+    twin::Conv2d { frames, height, width, in_channels: 8, out_channels: 8, taps: 1, padding: 0 }
 }
 
-/// Single pixels, odd sizes, channels that are padded, every filter of `AlexNet` and VGG, and so many rows that a GPU gets
-/// large tiles.
+/// The same `images` through filters of other sizes.
+const fn filtered(
+    images: twin::Conv2d,
+    in_channels: usize,
+    out_channels: usize,
+    taps: usize,
+    padding: usize,
+) -> twin::Conv2d {
+    twin::Conv2d { in_channels, out_channels, taps, padding, ..images }
+}
+
+/// Single pixels, odd sizes, channels that are padded, every filter of `AlexNet` and VGG, and so many rows that a GPU
+/// gets large tiles.
 const SHAPES: [twin::Conv2d; 7] = [
-    shape((1, 1, 1), (8, 8), (1, 0)),
-    shape((1, 1, 1), (3, 8), (3, 1)),
-    shape((2, 5, 7), (3, 11), (3, 1)),
-    shape((1, 4, 9), (16, 8), (3, 0)),
-    shape((2, 6, 6), (12, 24), (5, 2)),
-    shape((1, 3, 3), (8, 48), (3, 2)),
-    shape((1, 37, 33), (8, 72), (3, 1)),
+    filtered(images(1, 1, 1), 8, 8, 1, 0),
+    filtered(images(1, 1, 1), 3, 8, 3, 1),
+    filtered(images(2, 5, 7), 3, 11, 3, 1),
+    filtered(images(1, 4, 9), 16, 8, 3, 0),
+    filtered(images(2, 6, 6), 12, 24, 5, 2),
+    filtered(images(1, 3, 3), 8, 48, 3, 2),
+    filtered(images(1, 37, 33), 8, 72, 3, 1),
 ];
 
 fn parts(s: &twin::Conv2d) -> [usize; 4] {
@@ -60,8 +67,8 @@ fn restack(data: &[f32], from: usize, to: usize) -> Vec<f32> {
     data.chunks_exact(from).flat_map(restacked).collect()
 }
 
-/// Output behind a ReLU, and the gradient of x's ReLU for `v_y`. The gate is longer than it has to be, as behind a batch of
-/// which only the first half has a gradient.
+/// Output behind a ReLU, and the gradient of x's ReLU for `v_y`. The gate is longer than it has to be, as behind a
+/// batch of which only the first half has a gradient.
 fn on_gpu(gpu: &Device, s: &twin::Conv2d, [x, weight, bias, v_y]: [&[f32]; 4]) -> [Vec<f32>; 2] {
     let twin::Conv2d { frames, height, width, in_channels, out_channels, taps, padding } = *s;
     let bank = FilterBank { weight, bias, out_channels, in_channels, taps };
@@ -75,8 +82,8 @@ fn on_gpu(gpu: &Device, s: &twin::Conv2d, [x, weight, bias, v_y]: [&[f32]; 4]) -
     let (mut y, mut v_x) = (unwritten(gpu, v_y.len()), unwritten(gpu, input.len()));
     let conv = Conv2d { frames, height, width, padding };
     run(gpu, |rec| {
-        forward(rec, (&conv, &filters), &input, Activation::Relu, &mut y)?;
-        backward(rec, (&conv, &filters), &v_y, Some(&gate), &mut v_x)
+        forward(rec, &conv, &filters, &input, Activation::Relu, &mut y)?;
+        backward(rec, &conv, &filters, &v_y, Some(&gate), &mut v_x)
     });
     let restore = |data: Vec<f32>, from, to| restack(&data, from, to);
     [
@@ -119,7 +126,7 @@ fn both_families_agree() {
 #[test]
 fn poison_reaches_the_windows_over_it_and_no_further() {
     let Some(gpu) = device() else { return };
-    let s = shape((1, 5, 6), (8, 8), (3, 1));
+    let s = filtered(images(1, 5, 6), 8, 8, 3, 1);
     let [x, weight, bias, v_y] = parts(&s);
     let mut random = Random(4);
     let mut clean = random.vec_f32(x, 0.1, 1.0);
@@ -154,18 +161,18 @@ fn what_does_not_fit_is_refused() {
     let conv = Conv2d { frames: 1, height: 2, width: 3, padding: 0 };
     let mut rec = gpu.recorder().expect("recorder");
     let act = Activation::Identity;
-    let wrong = forward(&mut rec, (&Conv2d { frames: 2, ..conv }, &filters), &x, act, &mut y);
+    let wrong = forward(&mut rec, &Conv2d { frames: 2, ..conv }, &filters, &x, act, &mut y);
     assert!(matches!(wrong, Err(KernelError::Shape { buffer: "x", .. })), "{wrong:?}");
-    let wrong = forward(&mut rec, (&Conv2d { padding: 1, ..conv }, &filters), &x, act, &mut y);
+    let wrong = forward(&mut rec, &Conv2d { padding: 1, ..conv }, &filters, &x, act, &mut y);
     assert!(matches!(wrong, Err(KernelError::Shape { buffer: "taps", .. })), "{wrong:?}");
-    let wrong = forward(&mut rec, (&Conv2d { height: 1, ..conv }, &filters), &x, act, &mut y);
+    let wrong = forward(&mut rec, &Conv2d { height: 1, ..conv }, &filters, &x, act, &mut y);
     assert!(matches!(wrong, Err(KernelError::Shape { buffer: "y", .. })), "{wrong:?}");
-    let wrong = backward(&mut rec, (&Conv2d { height: 0, ..conv }, &filters), &x, None, &mut y);
+    let wrong = backward(&mut rec, &Conv2d { height: 0, ..conv }, &filters, &x, None, &mut y);
     assert!(matches!(wrong, Err(KernelError::Shape { buffer: "taps", .. })), "{wrong:?}");
     let short = upload(&gpu, &[1.0; 8]);
-    let wrong = backward(&mut rec, (&conv, &filters), &x, Some(&short), &mut y);
+    let wrong = backward(&mut rec, &conv, &filters, &x, Some(&short), &mut y);
     assert!(matches!(wrong, Err(KernelError::Shape { buffer: "aux", .. })), "{wrong:?}");
     // No frame, no work.
     let (none, mut empty) = (upload(&gpu, &[]), unwritten(&gpu, 0));
-    run(&gpu, |rec| forward(rec, (&Conv2d { frames: 0, ..conv }, &filters), &none, act, &mut empty));
+    run(&gpu, |rec| forward(rec, &Conv2d { frames: 0, ..conv }, &filters, &none, act, &mut empty));
 }

@@ -158,7 +158,8 @@ impl Case {
         [y, v_x, v_weight, v_bias]
     }
 
-    /// What cooperative matrices make of it: output and gradient to the input from rounded factors, the rest from floats.
+    /// What cooperative matrices make of it: output and gradient to the input from rounded factors, the rest from
+    /// floats.
     fn on_host_rounded(&self, gate: &[f32]) -> [Vec<f32>; 4] {
         let [x, weight, v_y] = [&self.x, &self.weight, &self.v_y].map(|factors| rounded(factors));
         let [y, v_x, ..] = Self { conv: self.conv, bias: self.bias.clone(), x, weight, v_y }.on_host(gate);
@@ -213,8 +214,8 @@ fn halved(conv: Conv3d) -> Conv3d {
 #[test]
 fn half_precision_follows_the_twin_on_rounded_operands() {
     let Some(gpu) = half_device() else { return };
-    // Tiles of 32 x 8 pixels and 16 channels: full, with a column, a row, a channel or all but one left over; one texel of
-    // channels, which is packed by threes; borders that fold onto another tile's side of its edge.
+    // Tiles of 32 x 8 pixels and 16 channels: full, with a column, a row, a channel or all but one left over; one texel
+    // of channels, which is packed by threes; borders that fold onto another tile's side of its edge.
     for (shape, channels, (time, space), bias, activation) in [
         ([2, 5, 9], [4, 16], PADDINGS[1], Bias::None, Activation::Identity),
         ([3, 9, 33], [16, 4], PADDINGS[0], Bias::Added, Activation::Identity),

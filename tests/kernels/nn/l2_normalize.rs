@@ -21,7 +21,7 @@ fn twin_gradient_matches_differences() {
 
 /// y and v_x.
 fn on_gpu(gpu: &Device, width: usize, x: &[f32], v_y: &[f32]) -> [Vec<f32>; 2] {
-    both_ways(gpu, (x, v_y), |rec, [x, v_y], [y, v_x]| {
+    both_ways(gpu, x, v_y, |rec, [x, v_y], [y, v_x]| {
         forward(rec, x, width, y)?;
         backward(rec, x, v_y, width, v_x)
     })

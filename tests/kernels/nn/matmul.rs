@@ -3,8 +3,7 @@
 use guard4d_kernels::nn::activation::Activation;
 use guard4d_kernels::nn::matmul::{Epilogue, GradScratch, Product, forward, weight_gradient};
 use guard4d_kernels::nn::pack::{PackedWeight, Precision};
-use guard4d_kernels::reference::nn::matmul as twin;
-use guard4d_kernels::reference::nn::pack as pack_twin;
+use guard4d_kernels::reference::nn::{matmul as twin, pack as pack_twin};
 use guard4d_kernels::{Device, KernelError};
 
 use super::{dot, run, unwritten, upload};
@@ -14,7 +13,8 @@ use crate::support::gradcheck::gradcheck;
 use crate::support::poison;
 use crate::support::random::Random;
 
-/// (rows, n, k): every tile width, rows that do not fill a tile, and so many rows and columns that GPUs get large tiles.
+/// (rows, n, k): every tile width, rows that do not fill a tile, and so many rows and columns that GPUs get large
+/// tiles.
 const SHAPES: [(usize, usize, usize); 9] = [
     (1, 8, 4),
     (7, 16, 8),
@@ -53,7 +53,7 @@ fn each_product(gpu: &Device, precision: Precision, operand: fn(&[f32]) -> Vec<f
         let mut random = Random((rows * n * k) as u64);
         let (a, w) = (random.vec_f32(rows * k, -1.0, 1.0), random.vec_f32(n * k, -1.0, 1.0));
         let (bias, aux) = (random.vec_f32(n, -1.0, 1.0), random.vec_f32(rows * n, -1.0, 1.0));
-        let weight = PackedWeight::in_precision(gpu, "w", &w, (n, k), precision).expect("packs");
+        let weight = PackedWeight::in_precision(gpu, "w", &w, n, k, precision).expect("packs");
         let (a_buffer, bias_buffer, aux_buffer) = (upload(gpu, &a), upload(gpu, &bias), upload(gpu, &aux));
         let cases = [
             (Epilogue::Activate(Activation::Relu), twin::Epilogue::Activate(Activation::Relu)),
@@ -87,7 +87,7 @@ fn sixteen_bit_weights_follow_the_rounded_twin() {
         let w: Vec<f32> =
             random.vec_f32(n * k, -1.0, 1.0).iter().enumerate().map(|(i, v)| v * sizes[i / k % 4]).collect();
         let bias = random.vec_f32(n, -1.0, 1.0);
-        let weight = PackedWeight::in_precision(&gpu, "w", &w, (n, k), Precision::Fixed16).expect("packs");
+        let weight = PackedWeight::in_precision(&gpu, "w", &w, n, k, Precision::Fixed16).expect("packs");
         let (a_buffer, bias_buffer) = (upload(&gpu, &a), upload(&gpu, &bias));
         let mut c = unwritten(&gpu, rows * n);
         let product = Product { bias: Some(&bias_buffer), ..Product::plain(&a_buffer, rows, &weight) };
@@ -115,14 +115,14 @@ fn sixteen_bit_weights_pass_poison_on() {
     for poison in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         let mut w = Random(8).vec_f32(n * k, -1.0, 1.0);
         w[3 * k + 5] = poison;
-        let weight = PackedWeight::in_precision(&gpu, "w", &w, (n, k), Precision::Fixed16).expect("packs");
+        let weight = PackedWeight::in_precision(&gpu, "w", &w, n, k, Precision::Fixed16).expect("packs");
         let a = upload(&gpu, &vec![1.0; k]);
         let mut c = unwritten(&gpu, n);
         run(&gpu, |rec| forward(rec, &Product::plain(&a, 1, &weight), &mut c));
         let finite: Vec<bool> = c.read().expect("read").iter().map(|v| v.is_finite()).collect();
         assert_eq!(finite, (0..n).map(|row| row != 3).collect::<Vec<_>>(), "row 3 alone, for {poison}");
     }
-    let odd = PackedWeight::in_precision(&gpu, "w", &[1.0; 64], (8, 8), Precision::Fixed16);
+    let odd = PackedWeight::in_precision(&gpu, "w", &[1.0; 64], 8, 8, Precision::Fixed16);
     assert!(matches!(odd, Err(KernelError::Shape { .. })), "lane-blocks come in pairs: {odd:?}");
 }
 
@@ -145,7 +145,7 @@ fn half_precision_keeps_small_gradients() {
     let (rows, n, k) = (70, 72, 100);
     let mut random = Random(9);
     let (v_c, w) = (random.vec_f32(rows * k, -1.0, 1.0), random.vec_f32(n * k, -1.0, 1.0));
-    let adjoint = PackedWeight::transposed(&gpu, "w", &w, (n, k), Precision::Half).expect("packs");
+    let adjoint = PackedWeight::transposed(&gpu, "w", &w, n, k, Precision::Half).expect("packs");
     let v_a = |v_c: &[f32]| {
         let (v_c, mut v_a) = (upload(&gpu, v_c), unwritten(&gpu, rows * n));
         run(&gpu, |rec| forward(rec, &Product::plain(&v_c, rows, &adjoint), &mut v_a));
@@ -176,7 +176,7 @@ fn poison_in_half_precision_stays_in_its_row_or_column() {
     let (rows, n, k) = (70, 72, 40);
     let clean = Random(8).vec_f32(rows * k + n * k, -1.0, 1.0);
     let on_gpu = |data: &[f32]| {
-        let weight = PackedWeight::in_precision(&gpu, "w", &data[rows * k..], (n, k), Precision::Half).expect("packs");
+        let weight = PackedWeight::in_precision(&gpu, "w", &data[rows * k..], n, k, Precision::Half).expect("packs");
         let a = upload(&gpu, &data[..rows * k]);
         let mut c = unwritten(&gpu, rows * n);
         run(&gpu, |rec| forward(rec, &Product::plain(&a, rows, &weight), &mut c));
@@ -236,7 +236,7 @@ fn both_families_agree() {
     let [lanes, tiles] = devices.map(|gpu| {
         let weight = PackedWeight::new(&gpu, "w", &w, n, k).expect("packs");
         let [a, aux, v_c] = [&a, &aux, &v_c].map(|data| upload(&gpu, data));
-        let codes = PackedWeight::in_precision(&gpu, "w", &w, (n, k), Precision::Fixed16).expect("packs");
+        let codes = PackedWeight::in_precision(&gpu, "w", &w, n, k, Precision::Fixed16).expect("packs");
         let [mut c, mut coded] = [(); 2].map(|()| unwritten(&gpu, rows * n));
         let mut v_w = unwritten(&gpu, n * k);
         let mut scratch = GradScratch::new(&gpu, "w", rows, n, k).expect("scratch");

@@ -35,7 +35,8 @@ pub(super) fn unwritten(gpu: &Device, len: usize) -> Buffer<f32> {
 /// What forward (y) and backward (v_x) write for `x` and `v_y`, all of one length.
 pub(super) fn both_ways(
     gpu: &Device,
-    (x, v_y): (&[f32], &[f32]),
+    x: &[f32],
+    v_y: &[f32],
     record: impl FnOnce(&mut Recorder, [&Buffer<f32>; 2], [&mut Buffer<f32>; 2]) -> Result<(), KernelError>,
 ) -> [Vec<f32>; 2] {
     let (mut y, mut v_x) = (unwritten(gpu, x.len()), unwritten(gpu, x.len()));

@@ -41,7 +41,7 @@ fn host_and_device_packing_agree_in_both_orders() {
                 assert_eq!(host[col * n.next_multiple_of(8) + row], w[row * k + col], "W({row}, {col})");
             }
         }
-        let transposed = PackedWeight::transposed(&gpu, "w", &w_t, (n, k), Precision::F32).expect("packs");
+        let transposed = PackedWeight::transposed(&gpu, "w", &w_t, n, k, Precision::F32).expect("packs");
         assert_eq!(unpacked(&gpu, &transposed), host, "transposed on the host");
         for (source, order) in [(&w, Order::Rows { stride: k }), (&w_t, Order::Columns { stride: n })] {
             let mut packed = PackedWeight::zeros(&gpu, "w", n, k).expect("buffer");
@@ -93,7 +93,7 @@ fn short_sources_are_refused_and_empty_is_fine() {
     let mut rec = gpu.recorder().expect("recorder");
     let wrong = gather(&mut rec, &source, Order::Rows { stride: 4 }, &mut packed);
     assert!(matches!(wrong, Err(KernelError::Shape { buffer: "src", .. })), "{wrong:?}");
-    let mut codes = PackedWeight::in_precision(&gpu, "w", &[0.0; 64], (16, 4), Precision::Fixed16).expect("packs");
+    let mut codes = PackedWeight::in_precision(&gpu, "w", &[0.0; 64], 16, 4, Precision::Fixed16).expect("packs");
     let refused = gather(&mut rec, &upload(&gpu, &[0.0; 64]), Order::Rows { stride: 4 }, &mut codes);
     assert!(matches!(refused, Err(KernelError::Shape { buffer: "out", .. })), "no packing into codes: {refused:?}");
     let mut none = PackedWeight::zeros(&gpu, "w", 0, 4).expect("buffer");

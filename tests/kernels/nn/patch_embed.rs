@@ -59,7 +59,8 @@ fn poison_moves_with_its_colour_and_is_no_colour_elsewhere() {
     let clean = Random(14).vec_f32(split + shape.rows_len(), -1.0, 1.0);
     let on_gpu = |data: &[f32]| on_gpu(&gpu, shape, &data[..split], &data[split..]).concat();
     let on_host = |data: &[f32]| [twin::unfold(shape, &data[..split]), twin::fold(shape, &data[split..])].concat();
-    // A colour, a fourth channel, a pixel outside the whole patches; then of rows a colour, a fourth channel, the class token.
+    // A colour, a fourth channel, a pixel outside the whole patches; then of rows a colour, a fourth channel, the class
+    // token.
     let row = split + shape.row_len();
     let places = [4, 7, split - 4, row + 1, row + 3, split];
     // Copies: nothing is rounded.

@@ -21,7 +21,7 @@ fn on_device(device: &Device, chains: Chains, x: &[f32]) -> Vec<f32> {
 
 fn on_host(chains: Chains, x: &[f32]) -> Vec<f32> {
     let steps = STEPS as usize * usize::from(chains.runs);
-    twin::run(CHAINS, steps, (chains.scale, chains.shift), x)
+    twin::run(CHAINS, steps, chains.scale, chains.shift, x)
 }
 
 #[test]
@@ -29,7 +29,7 @@ fn twin_follows_the_geometric_series() {
     let (scale, shift, steps) = (0.9f64, 0.3, 7);
     let power = scale.powi(steps as i32);
     let want: f64 = (0..CHAINS).map(|c| (2.5 + c as f64) * power + shift * (1.0 - power) / (1.0 - scale)).sum();
-    let got = twin::run(CHAINS, steps, (scale, shift), &[2.5]);
+    let got = twin::run(CHAINS, steps, scale, shift, &[2.5]);
     // A handful of f64 roundings of values near 100.
     assert!((got[0] - want).abs() < 1e-12, "{} and {want}", got[0]);
 }

@@ -105,8 +105,9 @@ fn poison_shows_in_its_splat_and_channel_only() {
     let parts = |data: &[f32]| [data[..8].to_vec(), data[8..20].to_vec(), data[20..28].to_vec(), vec![0.0; 12]];
     let gpu_side = |data: &[f32]| on_gpu(&gpu, &splats, parts(data).each_ref().map(Vec::as_slice));
     let host_side = |data: &[f32]| on_host(&splats, parts(data).each_ref().map(Vec::as_slice));
-    // A base colour, its fourth channel; an offset of splat 2, of splat 1, which is not seen, a fourth channel; the gradient
-    // of a colour and of a fourth channel. A NaN colour is not below zero, so that its gradient stays what it was.
+    // A base colour, its fourth channel; an offset of splat 2, of splat 1, which is not seen, a fourth channel; the
+    // gradient of a colour and of a fourth channel. A NaN colour is not below zero, so that its gradient stays what it
+    // was.
     let places = [1, 3, 8 + 9, 8 + 5, 8 + 11, 20 + 1, 20 + 3];
     // One product and one sum of size one.
     let reach = poison::spread(&clean, &places, (1e-6, 0.0), gpu_side, host_side);

@@ -29,7 +29,7 @@ fn two_quarter_turns_make_a_half_turn() {
 }
 
 /// Deformed means, scales and quaternions on the device; `splats` and `heads` as the twin takes them.
-fn on_gpu(gpu: &Device, splats: &[Vec<f32>; 3], (heads, columns): (&[f32], usize), update: RotationUpdate) -> Vec<f32> {
+fn on_gpu(gpu: &Device, splats: &[Vec<f32>; 3], heads: &[f32], columns: usize, update: RotationUpdate) -> Vec<f32> {
     let [means, scales, quats] = splats.each_ref().map(|data| gpu.buffer_from("input", data).expect("buffer"));
     let heads = gpu.buffer_from("heads", heads).expect("buffer");
     let mut out = splats.each_ref().map(|data| gpu.buffer::<f32>("out", data.len()).expect("buffer"));
@@ -64,7 +64,7 @@ fn gpu_follows_the_twin() {
         for (update, twin_update) in UPDATES {
             let want = twin::apply(&splats, &heads, columns, twin_update).concat();
             // Sums are exact; a normalised product has about ten roundings, and 16 for tiny norms.
-            assert_close(&on_gpu(&gpu, &splats, (&heads, columns), update), &want, 2e-6, 0.0);
+            assert_close(&on_gpu(&gpu, &splats, &heads, columns, update), &want, 2e-6, 0.0);
         }
         let deformed = sh_on_gpu(&gpu, &sh, &heads, columns);
         if columns < ALL_COLUMNS {
@@ -84,7 +84,7 @@ fn poison_stays_in_its_splat() {
     for (update, twin_update) in UPDATES {
         let on_gpu = |data: &[f32]| {
             let (splats, heads) = parts(data);
-            on_gpu(&gpu, &splats, (&heads, columns), update)
+            on_gpu(&gpu, &splats, &heads, columns, update)
         };
         let on_host = |data: &[f32]| {
             let (splats, heads) = parts(data);

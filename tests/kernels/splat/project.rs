@@ -1,6 +1,6 @@
 //! splat/project: the twin against a camera worked out by hand, GPU against the twin.
 
-use guard4d_kernels::reference::splat::rasterize::traverse;
+use guard4d_kernels::reference::splat::traverse::traverse;
 use guard4d_kernels::splat::project::{Projection, View, forward};
 
 use super::scene::{self, Scene};

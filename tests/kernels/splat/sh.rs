@@ -122,7 +122,7 @@ fn gpu_follows_the_twin_for_every_degree_and_offset() {
 }
 
 /// Colours and the gradient of the offsets, which starts from zero.
-fn on_gpu(gpu: &Device, scene: &Scene, (bases, degree): (OffsetBases, u32)) -> Vec<f32> {
+fn on_gpu(gpu: &Device, scene: &Scene, bases: OffsetBases, degree: u32) -> Vec<f32> {
     let buffer = |data: &[f32]| gpu.buffer_from("input", data).expect("buffer");
     let ids: Vec<u32> = scene.splats.iter().map(|&s| s as u32).collect();
     let (dirs, ids) = (buffer(&scene.dirs), gpu.buffer_from("ids", &ids).expect("buffer"));
@@ -140,7 +140,7 @@ fn on_gpu(gpu: &Device, scene: &Scene, (bases, degree): (OffsetBases, u32)) -> V
 }
 
 /// The same by the twin.
-fn on_host(scene: &Scene, (bases, degree): (OffsetBases, u32)) -> Vec<f32> {
+fn on_host(scene: &Scene, bases: OffsetBases, degree: u32) -> Vec<f32> {
     let offset = |i: usize| if i % 48 < 3 * bases.count() { scene.offsets[i] } else { 0.0 };
     let sum: Vec<f32> = scene.coeffs.iter().enumerate().map(|(i, c)| c + offset(i)).collect();
     let v_coeffs = twin::backward(&sum, &scene.dirs, scene.splats, degree, &scene.v_colours);
@@ -179,8 +179,8 @@ fn poison_shows_in_its_splat_and_channel_only() {
     let places = [97, 99, 143, 49, offsets + 97, dirs + 1, v_colours + 1, v_colours + 3];
     for degree in 0..=3 {
         for bases in [OffsetBases::Dc, OffsetBases::All] {
-            let on_gpu = |data: &[f32]| on_gpu(&gpu, &scene(data), (bases, degree));
-            let on_host = |data: &[f32]| on_host(&scene(data), (bases, degree));
+            let on_gpu = |data: &[f32]| on_gpu(&gpu, &scene(data), bases, degree);
+            let on_host = |data: &[f32]| on_host(&scene(data), bases, degree);
             // 48 products of size one or less, each rounded twice.
             let reach = poison::spread(&clean, &places, (1e-5, 0.0), on_gpu, on_host);
             let (one, last) = (usize::from(degree >= 1), usize::from(degree == 3));
@@ -197,9 +197,9 @@ fn poison_shows_in_its_splat_and_channel_only() {
 fn wrong_shapes_are_refused_and_empty_is_fine() {
     let Some(gpu) = device() else { return };
     let none = Scene { splats: &[], coeffs: vec![], offsets: vec![], dirs: vec![], v_colours: vec![] };
-    assert!(on_gpu(&gpu, &none, (OffsetBases::All, 3)).is_empty(), "no splat");
+    assert!(on_gpu(&gpu, &none, OffsetBases::All, 3).is_empty(), "no splat");
     let unseen = Scene { coeffs: vec![0.5; 48], offsets: vec![0.5; 48], ..none };
-    assert_eq!(on_gpu(&gpu, &unseen, (OffsetBases::All, 3)), [0.0; 48], "no splat is seen, none has a gradient");
+    assert_eq!(on_gpu(&gpu, &unseen, OffsetBases::All, 3), [0.0; 48], "no splat is seen, none has a gradient");
 
     let coeffs = gpu.buffer_from("coeffs", &[0.1f32; 96]).expect("buffer");
     let dirs = gpu.buffer_from("dirs", &[0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]).expect("buffer");

@@ -81,7 +81,8 @@ fn poison_stays_in_its_splat() {
         let (means, quats) = twin::forward(&means, &quats, &paths, 0.5);
         [means, quats].concat()
     };
-    // A coordinate, an opacity, a quaternion; a coefficient and the turn of a path, and its centre, which moves everything.
+    // A coordinate, an opacity, a quaternion; a coefficient and the turn of a path, and its centre, which moves
+    // everything.
     let places = [1, 3, 4 * n + 2, 8 * n + 4, 8 * n + 13, 8 * n + 3];
     let reach = poison::spread(&clean, &places, TOLERANCE, on_device, on_host);
     assert_eq!(reach, [1, 1, 1, 1, 1, 8], "outputs that a NaN reaches");

@@ -4,8 +4,9 @@ use std::path::Path;
 
 use guard4d_engine::scene::formats::glb::{GlbFile, encode};
 
-use super::super::{assert_refused, fixture};
 use super::{assert_same_scene, golden_bytes, open_bytes};
+use crate::scene::assert_refused;
+use crate::support::fixture;
 
 fn parse(bytes: &[u8]) -> Result<GlbFile, guard4d_engine::EngineError> {
     GlbFile::parse(Path::new("test.glb"), bytes.to_vec())

@@ -3,17 +3,13 @@
 use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec3};
-use guard4d_engine::EngineError;
+use guard4d_engine::error::EngineError;
 use guard4d_engine::scene::{Gaussians, Model, PlyFile};
 
 use crate::support::repo;
 
-mod damaged;
-mod foreign;
+mod format;
 mod glb;
-mod interop;
-pub(crate) mod moving;
-mod round_trips;
 mod spz;
 
 /// A file that splat-transform has written (`tests/golden/formats/README.md`).
@@ -40,15 +36,15 @@ fn covariance(splats: &Gaussians, row: usize) -> DMat3 {
 }
 
 /// Opens bytes as the file `name`.
-fn open_bytes(name: &str, bytes: &[u8]) -> Result<Model, EngineError> {
+pub(super) fn open_bytes(name: &str, bytes: &[u8]) -> Result<Model, EngineError> {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let path = folder.path().join(name);
     std::fs::write(&path, bytes).expect("a temporary folder is writable");
     Model::open(&path)
 }
 
-/// Fails unless two scenes are drawn alike: means, covariances as a share of their largest entry, opacities as shares of
-/// light, and colours within `tolerance`.
+/// Fails unless two scenes are drawn alike: means, covariances as a share of their largest entry, opacities as shares
+/// of light, and colours within `tolerance`.
 #[track_caller]
 fn assert_same_scene(got: &Gaussians, want: &Gaussians, tolerance: f32, what: &str) {
     assert_eq!((got.len(), got.sh_degree), (want.len(), want.sh_degree), "{what}: splats and degree");

@@ -3,13 +3,14 @@
 use std::io::Read as _;
 use std::path::Path;
 
-use guard4d_engine::output::Existing;
+use guard4d_engine::base::output::Existing;
+use guard4d_engine::release::undo;
 use guard4d_engine::scene::formats::spz::{decode, encode};
 use guard4d_engine::scene::{Gaussians, Model};
-use guard4d_engine::watermark::undo;
 
-use super::super::{assert_refused, fixture};
 use super::{golden, golden_bytes, splats_of};
+use crate::scene::assert_refused;
+use crate::support::fixture;
 
 #[test]
 fn a_scene_survives_to_within_half_a_step() {
@@ -79,7 +80,8 @@ fn older_versions_are_read() {
         let splats = decode(Path::new("old.spz"), &encoder.finish().expect("memory")).expect(name);
         assert_eq!(splats.means, [[1.5, 2.0, -0.25]], "{name}: turned about x");
         assert_eq!(splats.scales, [[0.0, 1.0, -1.0]], "{name}");
-        // x is 1 of bytes, turned by 180 degrees: (w, x, y, z) = (0, 1, 0, 0) becomes (-1, 0, 0, 0) but for steps of 1/127.5.
+        // x is 1 of bytes, turned by 180 degrees: (w, x, y, z) = (0, 1, 0, 0) becomes (-1, 0, 0, 0) but for steps of
+        // 1/127.5.
         assert!(splats.quats[0][0] < -0.99, "{name}: {:?}", splats.quats);
         assert!((splats.sh_coeffs[2] - 0.5 / 0.15).abs() < 1e-6, "{name}: blue is at its end");
     }
@@ -150,7 +152,8 @@ fn offsets_fainter_than_a_step_are_left_on_average() {
         for channel in 0..3 {
             let of = |h: &[f32]| -> f64 { h.iter().skip(channel).step_by(48).map(|h| f64::from(*h)).sum() };
             let kept = (of(&stored) - of(&model.gaussians.sh_coeffs)) / n as f64 / f64::from(step);
-            // Discrepancy of a golden section sequence of 1000: below (1 + log2 1000) / 1000 (Niederreiter 1992, theorem 3.4).
+            // Discrepancy of a golden section sequence of 1000: below (1 + log2 1000) / 1000 (Niederreiter 1992,
+            // theorem 3.4).
             assert!((kept - f64::from(share)).abs() < 0.011, "{share} of a step, channel {channel}: {kept}");
         }
     }

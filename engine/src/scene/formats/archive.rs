@@ -5,8 +5,8 @@ use std::path::Path;
 
 use zip::ZipArchive;
 
+use crate::base::files::bad_data;
 use crate::error::EngineError;
-use crate::scene::bad_data;
 
 /// A ZIP archive in memory.
 pub(super) struct Archive<'a> {

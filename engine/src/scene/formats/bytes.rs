@@ -2,8 +2,11 @@
 
 use std::path::Path;
 
+use crate::base::files::bad_data;
 use crate::error::EngineError;
-use crate::scene::bad_data;
+
+/// First bytes of a gzip stream.
+pub(super) const GZIP: &[u8] = &[0x1F, 0x8B];
 
 /// The bytes of a file, read from front to back.
 pub(super) struct Bytes<'p, 'a> {

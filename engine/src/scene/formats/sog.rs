@@ -3,15 +3,17 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use image::{ImageDecoder as _, RgbaImage, codecs::webp::WebPDecoder};
+use image::codecs::webp::WebPDecoder;
+use image::{ImageDecoder as _, RgbaImage};
 use serde::Deserialize;
 
 use super::archive::Archive;
-use super::{logit_of_byte, rest_floats, with_capacity, with_largest};
+use super::values::{logit_of_byte, rest_floats, with_capacity, with_largest};
+use crate::base::files::bad_data;
+use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::scene::gaussians::{CHANNELS, Gaussians, MAX_SH_DEGREE, SH_FLOATS, sh_bases};
 use crate::scene::limits::{MAX_JSON_BYTES, MAX_PIXELS_PER_SPLAT, MIN_BYTES_PER_SPLAT, MIN_MAX_PIXELS, check_splats};
-use crate::scene::{bad_data, narrow};
 
 const META: &str = "meta.json";
 const VERSION: u32 = 2;
@@ -67,12 +69,12 @@ struct Palette {
 /// Reads the splats.
 ///
 /// # Errors
-/// [`EngineError::BadData`] for another version, a texture that is missing, undecodable or too small, and codes or palette
-/// entries that do not exist.
+/// [`EngineError::BadData`] for another version, a texture that is missing, undecodable or too small, and codes or
+/// palette entries that do not exist.
 pub fn decode(path: &Path, bytes: &[u8]) -> Result<Gaussians, EngineError> {
     let mut reader = Reader { path, archive: Archive::open(path, bytes)?, file_bytes: bytes.len(), splats: 0 };
     let json = reader.archive.read(META, MAX_JSON_BYTES)?;
-    let meta: Meta = crate::json::parse(path, META, &json, "a SOG description of version 2")?;
+    let meta: Meta = crate::base::json::parse(path, META, &json, "a SOG description of version 2")?;
     if meta.version != Some(VERSION) {
         let got = meta.version.map_or_else(|| "none".to_owned(), |version| version.to_string());
         return Err(bad_data(path, format!("{META}, `version`"), got, VERSION));

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use super::bytes::f32_at;
-use super::{log_scale, logit_of_byte, with_capacity};
+use super::values::{log_scale, logit_of_byte, with_capacity};
+use crate::base::files::bad_data;
 use crate::error::EngineError;
-use crate::scene::bad_data;
 use crate::scene::gaussians::{CHANNELS, Gaussians, SH_FLOATS, dc_of_colour};
 use crate::scene::limits::check_splats;
 

@@ -5,20 +5,21 @@ use std::path::{Path, PathBuf};
 use half::f16;
 use serde::Deserialize;
 
-use super::bytes::f32_at;
+use super::bytes::{Bytes, f32_at};
 use super::steps::dithered_byte;
-use super::{Bytes, log_scale, logit_of_byte, with_capacity};
+use super::values::{log_scale, logit_of_byte, with_capacity};
+use crate::base::files::bad_data;
+use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::scene::gaussians::{CHANNELS, Gaussians, SH_FLOATS, Y0, check_coeffs, dc_of_colour};
 use crate::scene::limits::{MAX_JSON_BYTES, check_splats};
 use crate::scene::trajectories::{MOTION_FLOATS, Trajectories};
-use crate::scene::{bad_data, narrow};
 
 /// First four bytes: 0x674b, little-endian.
 pub(super) const MAGIC: &[u8] = &[0x4B, 0x67, 0, 0];
 
-/// Words of 32 bits for each splat: position, rotation, standard deviations, colour and opacity, then motion, turning and
-/// time. Half floats stand two in a word.
+/// Words of 32 bits for each splat: position, rotation, standard deviations, colour and opacity, then motion, turning
+/// and time. Half floats stand two in a word.
 const ROW_BYTES: usize = 64;
 const ROTATION: usize = 12;
 const SCALES: usize = 20;
@@ -61,7 +62,7 @@ impl SplatvFile {
             return Err(bad_data(path, "length of the description", length, format!("at most {MAX_JSON_BYTES}")));
         }
         let json = rest.take("description", length)?;
-        let parts: Vec<Part> = crate::json::parse(path, "description", json, "a .splatv description")?;
+        let parts: Vec<Part> = crate::base::json::parse(path, "description", json, "a .splatv description")?;
         let start = 2 * size_of::<u32>() + length;
         let first = parts.first().filter(|part| part.kind == "splat");
         let declared = first.ok_or_else(|| bad_data(path, "description", "no splats first", "type `splat`"))?.size;

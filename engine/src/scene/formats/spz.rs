@@ -1,5 +1,5 @@
-//! SPZ files, versions 1 to 4 (nianticlabs/spz, README and `load-spz`): columns of packed values, in one gzip stream, or
-//! from version 4 in a Zstandard stream each.
+//! SPZ files, versions 1 to 4 (nianticlabs/spz, README and `load-spz`): columns of packed values, in one gzip stream,
+//! or from version 4 in a Zstandard stream each.
 
 use std::io::{Read, Write as _};
 use std::ops::Range;
@@ -10,11 +10,12 @@ use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
 use half::f16;
 
+use super::bytes::{Bytes, GZIP};
 use super::steps::{dithered_byte, nearest_byte};
-use super::{Bytes, GZIP, logit_of_byte, rest_floats, with_capacity, with_largest};
+use super::values::{logit_of_byte, rest_floats, with_capacity, with_largest};
+use crate::base::files::bad_data;
 use crate::error::EngineError;
 use crate::scene::axes::HalfTurn;
-use crate::scene::bad_data;
 use crate::scene::gaussians::{CHANNELS, Gaussians, MAX_SH_DEGREE, SH_FLOATS, check_coeffs};
 use crate::scene::limits::{MIN_BYTES_PER_SPLAT, check_splats};
 
@@ -110,8 +111,8 @@ impl Head {
     }
 }
 
-/// A file whose colours can be replaced, rounded to its steps. All other bytes of its columns stay as read; what extensions
-/// added behind them is left out, and so is how they were compressed.
+/// A file whose colours can be replaced, rounded to its steps. All other bytes of its columns stay as read; what
+/// extensions added behind them is left out, and so is how they were compressed.
 #[derive(Clone, Debug)]
 pub struct SpzFile {
     path: PathBuf,
@@ -126,7 +127,8 @@ impl SpzFile {
     /// Unpacks `bytes`, which came from `path`.
     ///
     /// # Errors
-    /// [`EngineError::BadData`] for an unknown version, a damaged stream, or columns of other lengths than the head implies.
+    /// [`EngineError::BadData`] for an unknown version, a damaged stream, or columns of other lengths than the head
+    /// implies.
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, EngineError> {
         let (head, body) = unpack(path, bytes)?;
         let packed = pack(&body);
@@ -169,7 +171,8 @@ impl SpzFile {
         self.places(rows).map(|at| self.body[at].into()).collect()
     }
 
-    /// The words that coefficients `[rows,16,3]` are stored as, dithered: one of the two nearest, so that the mean of many is kept.
+    /// The words that coefficients `[rows,16,3]` are stored as, dithered: one of the two nearest, so that the mean of
+    /// many is kept.
     ///
     /// # Errors
     /// [`EngineError::Usage`] for coefficients that do not fit.

@@ -13,8 +13,9 @@ pub(super) fn nearest_byte(steps: f32) -> u8 {
     steps.round().clamp(0.0, 255.0) as u8
 }
 
-/// One of the two bytes around `steps`, the upper one as often as `steps` is above the lower one. A mark is fainter than a step:
-/// on colours that lie on steps already, rounding to the nearest would take all of it away, and this leaves its mean.
+/// One of the two bytes around `steps`, the upper one as often as `steps` is above the lower one. A mark is fainter
+/// than a step: on colours that lie on steps already, rounding to the nearest would take all of it away, and this
+/// leaves its mean.
 #[allow(clippy::cast_precision_loss, reason = "which of two bytes a row far down gets is a draw either way")]
 pub(super) fn dithered_byte(steps: f32, row: usize, column: usize) -> u8 {
     if (steps - steps.round()).abs() < NEAR {

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use super::header::{Element, Encoding, Header, Scalar};
+use crate::base::files::bad_data;
+use crate::base::numbers::narrow;
 use crate::error::EngineError;
-use crate::scene::{bad_data, narrow};
 
 /// Random access to the values of one element.
 pub(super) enum Body<'a> {

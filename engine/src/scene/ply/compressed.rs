@@ -1,15 +1,16 @@
-//! Compressed PLY files (`SuperSplat`): chunks of 256 splats, each splat packed into four words between its chunk's bounds.
+//! Compressed PLY files (`SuperSplat`): chunks of 256 splats, each splat packed into four words between its chunk's
+//! bounds.
 
 use std::path::Path;
 
 use super::body::{self, start_of};
-use super::header::{Element, Encoding, Header, Scalar};
-use super::{VERTEX, degree_of};
+use super::header::{Element, Encoding, Header, Scalar, VERTEX, degree_of};
+use crate::base::files::bad_data;
+use crate::base::numbers::narrow;
 use crate::error::EngineError;
-use crate::scene::formats::{logit_of_byte, with_capacity, with_largest};
+use crate::scene::formats::values::{logit_of_byte, with_capacity, with_largest};
 use crate::scene::gaussians::{CHANNELS, Gaussians, SH_FLOATS, dc_of_colour, sh_bases};
 use crate::scene::limits::check_splats;
-use crate::scene::{bad_data, narrow};
 
 const CHUNK: &str = "chunk";
 const SH: &str = "sh";
@@ -39,8 +40,8 @@ struct Bounds {
 /// Reads the splats of a compressed PLY.
 ///
 /// # Errors
-/// [`EngineError::BadData`] naming the element or property that is missing or of another type, and counts that do not fit
-/// together.
+/// [`EngineError::BadData`] naming the element or property that is missing or of another type, and counts that do not
+/// fit together.
 pub(in crate::scene) fn decode_compressed(path: &Path, bytes: &[u8]) -> Result<Gaussians, EngineError> {
     let header = Header::parse(path, bytes)?;
     if header.encoding != Encoding::LittleEndian {

@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
+use crate::base::files::bad_data;
 use crate::error::EngineError;
-use crate::scene::bad_data;
+use crate::scene::gaussians::{CHANNELS, MAX_SH_DEGREE, sh_bases};
 
 /// Longest head that is searched for `end_header`; INRIA files need about 1.5 KiB.
 const MAX_HEADER_BYTES: usize = 64 * 1024;
@@ -193,4 +194,26 @@ fn add_property(path: &Path, field: &str, element: &mut Element, words: &[&str])
     element.properties.push(Property { name: name.to_owned(), scalar, offset: element.stride });
     element.stride += scalar.size_bytes();
     Ok(())
+}
+
+/// Name of the element that holds the splats.
+pub(super) const VERTEX: &str = "vertex";
+
+/// Index of the floating-point property `name`.
+pub(super) fn find_float(path: &Path, element: &Element, name: &str) -> Result<usize, EngineError> {
+    let field = format!("property `{name}`");
+    let expected = "a float property, as in an uncompressed INRIA 3DGS PLY";
+    let (index, property) = element.find(name).ok_or_else(|| bad_data(path, &field, "missing", expected))?;
+    match property.scalar {
+        Scalar::F32 | Scalar::F64 => Ok(index),
+        other => Err(bad_data(path, &field, format!("type {other:?}"), expected)),
+    }
+}
+
+/// The SH degree that the number of `f_rest_*` properties tells.
+pub(super) fn degree_of(path: &Path, element: &Element) -> Result<u32, EngineError> {
+    let rest = element.properties.iter().filter(|p| p.name.starts_with("f_rest_")).count();
+    (0..=MAX_SH_DEGREE)
+        .find(|&degree| (sh_bases(degree) - 1) * CHANNELS == rest)
+        .ok_or_else(|| bad_data(path, "properties `f_rest_*`", format!("{rest} properties"), "0, 9, 24 or 45"))
 }

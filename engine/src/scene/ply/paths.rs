@@ -3,10 +3,9 @@
 use std::path::Path;
 
 use super::body::Body;
-use super::find_float;
-use super::header::Element;
+use super::header::{Element, find_float};
+use crate::base::files::bad_data;
 use crate::error::EngineError;
-use crate::scene::bad_data;
 use crate::scene::trajectories::{MOTION_FLOATS, Trajectories};
 
 /// A property that only files of splats on paths have.

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::Flaw;
+use super::flaw::Flaw;
 
 const END_MARK: &[u8] = b"PK\x05\x06";
 const END_BYTES: usize = 22;

@@ -5,12 +5,12 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::Flaw;
+use super::flaw::Flaw;
 use super::tensor::{Dtype, Storage, View};
 
 mod opcode;
 
-use opcode as op;
+use super::pickle::opcode as op;
 
 /// Most opcodes that are run; a state dict of 49 tensors needs about 2,500.
 const MAX_STEPS: usize = 1_000_000;

@@ -3,8 +3,9 @@
 use half::{bf16, f16};
 
 use super::archive::Archive;
-use super::{Flaw, Tensor, TensorData};
-use crate::scene::narrow;
+use super::flaw::Flaw;
+use super::values::{Tensor, TensorData};
+use crate::base::numbers::narrow;
 
 /// Element type of a storage.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,28 +5,28 @@ use std::path::Path;
 use guard4d_kernels::optim::adam::AdamState;
 use guard4d_kernels::{Buffer, KernelError};
 
-use super::Embedding;
-use super::ladder::Standing;
+use super::embedding::Embedding;
+use super::fidelity_hold::FidelityHold;
+use super::progress::Progress;
+use crate::base::output::{AtomicFile, Existing};
+use crate::base::tensor_file::{Tensor, TensorFile};
 use crate::error::EngineError;
-use crate::output::{AtomicFile, Existing};
-use crate::tensor_file::{Tensor, TensorFile};
 
 /// `format` entry of a checkpoint.
-const FORMAT: &str = "guard4d.checkpoint/4";
-/// Number of the mixing that was taken; left out while mixings are tried, which begins anew.
-const MIXING: &str = "mixing";
+const FORMAT: &str = "guard4d.checkpoint/5";
+/// Number of the rotation that was taken; left out while rotations are tried, which begins anew.
+const KEY_ROTATION: &str = "key_rotation";
 /// Tensor of the last control's logits.
 const HELD_CONTROL: &str = "control_logits";
-/// Entry of a [`Standing`], as JSON.
-const STANDING: &str = "standing";
+/// Entry of a [`Progress`], as JSON.
+const PROGRESS: &str = "progress";
 
 impl Embedding<'_> {
     /// What a checkpoint must agree with: settings, key, message, the unmarked coefficients and a given
     /// extractor.
     fn identity(&self) -> String {
-        let settings = serde_json::to_string(&self.config).expect("numbers and words are valid JSON");
         let mut hasher = blake3::Hasher::new();
-        hasher.update(settings.as_bytes());
+        hasher.update(self.config.identity().as_bytes());
         hasher.update(self.subject.clip.precision().name().as_bytes());
         hasher.update(self.subject.key.prf().key_id().to_string().as_bytes());
         hasher.update(self.subject.message.commitment(&self.subject.key.prf()).to_string().as_bytes());
@@ -39,7 +39,7 @@ impl Embedding<'_> {
 
     /// The last control's logits, where a step without a control of its own will ask for them.
     fn held_control(&mut self) -> Option<&mut Buffer<f32>> {
-        self.critic.control_logits().filter(|_| self.config.control_every > 1)
+        self.loss.control_logits().filter(|_| self.config.control_every() > 1)
     }
 
     /// Writes everything that the next step depends on.
@@ -51,18 +51,19 @@ impl Embedding<'_> {
         file.meta.insert("format".to_owned(), FORMAT.to_owned());
         file.meta.insert("identity".to_owned(), self.identity());
         file.meta.insert("step".to_owned(), self.step.to_string());
-        if self.audition.is_none() {
-            file.meta.insert(MIXING.to_owned(), self.weights.mixing.number.to_string());
+        if self.search.is_none() {
+            file.meta.insert(KEY_ROTATION.to_owned(), self.weights.key_rotation.number.to_string());
         }
-        let held = vec![self.mean_mse.unwrap_or(f32::NAN), self.keep];
+        let held = vec![self.hold.mean_mse.unwrap_or(f32::NAN), self.hold.offset_scale];
         file.tensors.insert("held".to_owned(), Tensor::f32(&[2], held));
-        let standing = serde_json::to_string(&self.standing).expect("figures that are no numbers were refused");
-        file.meta.insert(STANDING.to_owned(), standing);
-        store(&mut file, "offsets", &self.stage.offsets, &self.stage.offsets_state)?;
+        let progress = serde_json::to_string(&self.progress).expect("figures that are no numbers were refused");
+        file.meta.insert(PROGRESS.to_owned(), progress);
+        let (offsets, state) = self.buffers.offsets.state();
+        store(&mut file, "offsets", offsets, state)?;
         if let Some(logits) = self.held_control() {
             file.tensors.insert(HELD_CONTROL.to_owned(), Tensor::f32(&[logits.len()], logits.read()?));
         }
-        if let Some(tmsd) = self.critic.features.tmsd() {
+        if let Some(tmsd) = self.loss.tmsd() {
             for (name, weight, state) in tmsd.states() {
                 store(&mut file, &name, weight, state)?;
             }
@@ -80,38 +81,41 @@ impl Embedding<'_> {
         if file.text("identity")? != self.identity() {
             return Err(file.bad("identity", "another embedding", "the same model, key, message and settings"));
         }
-        if !file.meta.contains_key(MIXING) {
+        if !file.meta.contains_key(KEY_ROTATION) {
             return Ok(());
         }
         let whole = |field: &str, text: &str| text.parse::<usize>().map_err(|_| file.bad(field, text, "a number"));
         let step = whole("step", file.text("step")?)?;
-        if let Some(audition) = self.audition.take() {
-            let number = file.text(MIXING)?.parse().ok().filter(|number| *number < self.config.mixings);
-            let expected = format!("a number below {}", self.config.mixings);
-            let number = number.ok_or_else(|| file.bad(MIXING, file.text(MIXING).unwrap_or_default(), &expected))?;
-            self.take_mixing(&audition, number)?;
+        if let Some(search) = self.search.take() {
+            let rotations = self.config.extractor.rotations();
+            let number = file.text(KEY_ROTATION)?.parse().ok().filter(|number| *number < rotations);
+            let expected = format!("a number below {rotations}");
+            let number =
+                number.ok_or_else(|| file.bad(KEY_ROTATION, file.text(KEY_ROTATION).unwrap_or_default(), &expected))?;
+            self.take_rotation(&search, number)?;
         }
-        let text = file.text(STANDING)?;
-        let standing: Standing = serde_json::from_str(text)
-            .map_err(|error| file.bad(STANDING, text, &format!("where an embedding stands: {error}")))?;
+        let text = file.text(PROGRESS)?;
+        let progress: Progress = serde_json::from_str(text)
+            .map_err(|error| file.bad(PROGRESS, text, &format!("how far an embedding is: {error}")))?;
         let held = file.floats("held", &[2])?;
-        let (mean_mse, keep) = ((!held[0].is_nan()).then_some(held[0]), held[1]);
-        let is_elsewhere = standing.rung != self.standing.rung;
-        self.standing = standing;
+        let hold = FidelityHold { mean_mse: (!held[0].is_nan()).then_some(held[0]), offset_scale: held[1] };
+        let is_elsewhere = progress.phase != self.progress.phase;
+        self.progress = progress;
         if is_elsewhere {
-            self.take_rung()?;
+            self.take_phase()?;
         }
-        load(&file, "offsets", &mut self.stage.offsets, &mut self.stage.offsets_state, step)?;
+        let (offsets, state) = self.buffers.offsets.state();
+        load(&file, "offsets", offsets, state, step)?;
         if let Some(logits) = self.held_control() {
             let read = file.floats(HELD_CONTROL, &[logits.len()])?;
             logits.write(read)?;
         }
-        if let Some(tmsd) = self.critic.features.tmsd() {
+        if let Some(tmsd) = self.loss.tmsd() {
             for (name, weight, state) in tmsd.states() {
                 load(&file, &name, weight, state, step)?;
             }
         }
-        (self.step, self.mean_mse, self.keep) = (step, mean_mse, keep);
+        (self.step, self.hold) = (step, hold);
         Ok(())
     }
 }

@@ -1,70 +1,53 @@
-//! Clips of an embedding: what of a view and its frames never changes while colours do.
+//! Drawing and making the clips of an embedding.
 
 use std::sync::{Arc, OnceLock};
 
 use glam::Mat4;
-use guard4d_kernels::image::quantize;
-use guard4d_kernels::image::resize;
+use guard4d_kernels::Device;
 use guard4d_kernels::loss::ssim::{self, SsimReference, SsimScratch};
-use guard4d_kernels::{Buffer, Device};
 use rand_chacha::ChaCha20Rng;
 
+use super::buffers::TrainingBuffers;
 use super::config::EmbedConfig;
-use super::step::Stage;
-use super::unit;
-use crate::deform::DeformField;
+use super::draw::unit;
+use super::training_clip::TrainingClip;
+use crate::base::prf::uniform_unit;
 use crate::error::EngineError;
-use crate::lpips::LpipsFeatures;
-use crate::render::{FramePlan, OffsetBases, Prune};
-use crate::scene::camera_paths::{Band, Lens};
+use crate::render::deform::DeformField;
+use crate::scene::camera::paths::{Band, Lens};
 use crate::scene::{Camera, CameraSet, Model, View};
-use crate::watermark::extractor::CLIP_FRAMES;
-use crate::watermark::prf::uniform_unit;
+use crate::watermark::extractor::weights::CLIP_FRAMES;
 
 /// Clips that share their times.
 const CLIPS_PER_TIMES: usize = 16;
 
-/// [`CLIP_FRAMES`] frames that are trained on, or measured, together.
-#[derive(Debug)]
-pub(super) struct TrainingClip {
-    pub(super) plans: Vec<Arc<FramePlan>>,
-    /// Unmarked frames `[F,H,W,4]`, rounded to 8 bits as a video holds them.
-    pub(super) reference: Buffer<f32>,
-    /// The same at CLIP's size.
-    pub(super) resized: Buffer<f32>,
-    /// Reference moments for SSIM, when it is part of the loss.
-    pub(super) moments: Option<SsimReference>,
-    /// What LPIPS's network sees in the unmarked frames, once a step has computed it where there is room to keep it.
-    pub(super) features: OnceLock<LpipsFeatures>,
-}
-
-impl TrainingClip {
-    /// Device bytes, but for LPIPS's features; the scene's coefficients are shared and not counted.
-    pub(super) fn bytes(&self) -> u64 {
-        let plans: usize = self.plans.iter().map(|plan| plan.bytes()).sum();
-        let frames = size_of::<f32>() * (self.reference.len() + self.resized.len());
-        (plans + frames + self.moments.as_ref().map_or(0, SsimReference::bytes)) as u64
-    }
+/// How many cameras, and the seed that they are drawn with.
+#[derive(Clone, Copy)]
+pub(super) struct Draws {
+    pub(super) clips: u32,
+    pub(super) seed: u64,
 }
 
 /// Cameras and times of clips. Those that `films` are of one camera each, as what leaks is.
 ///
 /// A clip of `joint` is one camera that turns at its own pace, because its R learns how neighbouring frames belong
-/// together; so is one of the multi-frame baseline. Without temporal weights to train, each frame gets a view of its own: one step then sees eight views
-/// instead of one.
+/// together; so is one of the multi-frame baseline. Without temporal weights to train, each frame gets a view of its
+/// own: one step then sees eight views instead of one.
 pub(super) fn shots(
     config: &EmbedConfig,
-    (clips, seed): (u32, u64),
+    model: &Model,
+    draws: Draws,
     films: bool,
     rng: &mut ChaCha20Rng,
 ) -> Result<Vec<Vec<(Camera, f32)>>, EngineError> {
-    let size = crate::scene::ImageSize::new(config.size_px.0, config.size_px.1)?;
+    let (views, Draws { clips, seed }) = (&config.views, draws);
+    let (size, look_at) = (crate::scene::FrameSize::new(views.size_px.0, views.size_px.1)?, views.look_at(model));
     let band = Band {
         azimuth_deg: 0.0..=360.0,
-        elevation_deg: config.elevation_deg.0..=config.elevation_deg.1,
-        radius: config.vantage.radius..=config.vantage.radius,
-        target: config.vantage.target.as_vec3(),
-        lens: Lens { fov_x_rad: config.fov_deg.to_radians(), size },
+        elevation_deg: views.elevation_deg.0..=views.elevation_deg.1,
+        radius: look_at.radius..=look_at.radius,
+        target: look_at.target.as_vec3(),
+        lens: Lens { fov_x_rad: views.fov_deg.to_radians(), size },
     };
     let frames = u32::try_from(CLIP_FRAMES).expect("a clip is a handful of frames");
     let per_clip = if films { 1 } else { CLIP_FRAMES };
@@ -80,7 +63,7 @@ pub(super) fn shots(
             let shift = unit(rng);
             times = std::array::from_fn(|i| (i as f32 + shift) / CLIP_FRAMES as f32);
         }
-        let turn = config.turn_deg.to_radians() * (2.0 * uniform_unit(rng) - 1.0);
+        let turn = config.views.turn_deg.to_radians() * (2.0 * uniform_unit(rng) - 1.0);
         drawn.push(times.iter().enumerate().map(|(i, &t)| (shot(views, i, turn), t)).collect());
     }
     Ok(drawn)
@@ -109,8 +92,8 @@ pub(super) struct ClipBuilder {
 impl ClipBuilder {
     pub(super) fn new(device: &Device, model: &Model, config: &EmbedConfig) -> Result<Self, EngineError> {
         let field = DeformField::new(device, &model.gaussians, &model.motion)?;
-        let similarity = match config.uses_ssim() {
-            true => Some(SsimScratch::new(device, config.frame_size(), 1)?),
+        let similarity = match config.objective.uses_ssim() {
+            true => Some(SsimScratch::new(device, config.views.frame_size(), 1)?),
             false => None,
         };
         Ok(Self { device: device.clone(), field: field.with_cached_times(CLIP_FRAMES), similarity })
@@ -126,38 +109,35 @@ impl ClipBuilder {
         self.field.limit_cached_times(1)
     }
 
-    /// Plans and renders one clip, for steps to be taken on or, without its moments, for measuring. Works in buffers of
-    /// the stage that are free between steps.
+    /// Plans and renders one clip, for steps to be taken on or, without its moments, for evaluations. Works in buffers
+    /// that are free between steps.
     pub(super) fn build(
         &mut self,
         shots: &[(Camera, f32)],
-        stage: &mut Stage,
+        buffers: &mut TrainingBuffers,
         is_trained_on: bool,
     ) -> Result<TrainingClip, EngineError> {
         let mut plans = Vec::with_capacity(shots.len());
         for (camera, time) in shots {
             let state = self.field.at(*time)?;
-            let plan = stage.renderer.plan(&state, camera, Prune::Remove)?;
-            plans.push(Arc::new(match stage.bases {
-                OffsetBases::Dc => stage.renderer.fix_view(plan)?,
-                OffsetBases::All => plan,
-            }));
+            plans.push(Arc::new(buffers.plan(&state, camera)?));
         }
-        let mut reference = self.device.buffer("clip.reference", stage.raw.len())?;
-        let mut resized = self.device.buffer("clip.resized", stage.resized.len())?;
-        let mut rec = self.device.recorder()?;
-        stage.renderer.forward_clip(&mut rec, &plans, None, stage.background, &mut stage.raw)?;
-        quantize::forward(&mut rec, &stage.raw, &mut reference)?;
-        resize::forward(&mut rec, &stage.resize, &reference, &mut resized, &mut stage.resize_scratch)?;
-        let moments = match self.similarity.as_mut().filter(|_| is_trained_on) {
-            Some(scratch) => {
-                let mut moments = SsimReference::new(&self.device, stage.resize.from, shots.len())?;
-                ssim::prepare(&mut rec, &reference, &mut moments, scratch)?;
-                Some(moments)
-            }
-            None => None,
+        let (full, small) = buffers.clip_lens();
+        let mut clip = TrainingClip {
+            plans,
+            reference: self.device.buffer("clip.reference", full)?,
+            resized: self.device.buffer("clip.resized", small)?,
+            moments: None,
+            features: OnceLock::new(),
         };
+        let mut rec = self.device.recorder()?;
+        buffers.draw_unmarked(&mut rec, &mut clip)?;
+        if let Some(scratch) = self.similarity.as_mut().filter(|_| is_trained_on) {
+            let mut moments = SsimReference::new(&self.device, buffers.frame_size(), shots.len())?;
+            ssim::prepare(&mut rec, &clip.reference, &mut moments, scratch)?;
+            clip.moments = Some(moments);
+        }
         rec.submit()?;
-        Ok(TrainingClip { plans, reference, resized, moments, features: OnceLock::new() })
+        Ok(clip)
     }
 }

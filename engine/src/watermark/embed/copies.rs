@@ -1,87 +1,101 @@
 //! Clips as they look after a distortion, on their way to CLIP and back.
 
-use guard4d_kernels::image::noise::{self, Noise};
 use guard4d_kernels::image::quantize;
-use guard4d_kernels::image::resize::{self, Onward};
+use guard4d_kernels::image::resize::Onward;
 use guard4d_kernels::nn::axpy;
 use guard4d_kernels::shape::ClipShape;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
 
-use super::clips::TrainingClip;
 use super::config::EmbedConfig;
-use super::step::Stage;
-use crate::distortion::{Drawn, Layer};
-use crate::watermark::extractor::CLIP_FRAMES;
+use crate::picture::distortion::{DistortionLayer, Drawn, Resizer};
+use crate::watermark::extractor::weights::CLIP_FRAMES;
 
 /// Full-size room for one distorted clip.
 pub(super) struct Copies {
-    layer: Layer,
-    /// Before it is rounded.
+    layer: DistortionLayer,
+    /// Before it is rounded; the way back asks for it.
     raw: Buffer<f32>,
-    /// As a video holds it.
+    /// As a video holds it; free once it is resized.
     rounded: Buffer<f32>,
 }
 
 impl Copies {
     /// Room for the distortions of the settings; `None` where there are none.
     pub(super) fn new(device: &Device, config: &EmbedConfig) -> Result<Option<Self>, KernelError> {
-        if config.distortions.is_empty() {
+        let distortions = &config.objective.distortions;
+        if distortions.is_empty() {
             return Ok(None);
         }
-        let size = config.frame_size();
+        let size = config.views.frame_size();
         let clip = ClipShape { frames: CLIP_FRAMES, height: size.height, width: size.width };
         let full = |name: &str| device.buffer(name, clip.pixels() * guard4d_kernels::image::CHANNELS);
         Ok(Some(Self {
-            layer: Layer::new(device, clip, &config.distortions)?,
+            layer: DistortionLayer::new(device, clip, distortions)?,
             raw: full("copies.raw")?,
             rounded: full("copies.rounded")?,
         }))
     }
-}
 
-impl Stage {
-    /// The marked frames, distorted, at CLIP's size in `self.resized`.
-    pub(super) fn distort(&mut self, rec: &mut Recorder, drawn: Drawn) -> Result<(), KernelError> {
-        let Some(Copies { layer, raw, rounded }) = &mut self.copies else { return Ok(()) };
-        layer.forward(rec, drawn, &self.marked, raw)?;
-        quantize::forward(rec, raw, rounded)?;
-        resize::forward(rec, &self.resize, rounded, &mut self.resized, &mut self.resize_scratch)
-    }
-
-    /// The unmarked frames, distorted alike, at CLIP's size in `self.noisy_resized`.
-    pub(super) fn distort_control(
+    /// Distorted frames at CLIP's size, and what the way back needs of them.
+    pub(super) fn forward(
         &mut self,
         rec: &mut Recorder,
-        clip: &TrainingClip,
         drawn: Drawn,
+        frames: &Buffer<f32>,
+        resizer: &mut Resizer,
+        resized: &mut Buffer<f32>,
     ) -> Result<(), KernelError> {
-        let Some(Copies { layer, rounded, .. }) = &mut self.copies else { return Ok(()) };
-        // `v_raw` is free until the backward pass, `rounded` once the marked frames are resized.
-        layer.forward(rec, drawn, &clip.reference, &mut self.v_raw)?;
-        quantize::forward(rec, &self.v_raw, rounded)?;
-        resize::forward(rec, &self.resize, rounded, &mut self.noisy_resized, &mut self.resize_scratch)
+        self.layer.forward(rec, drawn, frames, &mut self.raw)?;
+        quantize::forward(rec, &self.raw, &mut self.rounded)?;
+        resizer.forward(rec, &self.rounded, resized)
     }
 
-    /// Gradient of the render in `self.v_raw`, from that of the distorted frames at CLIP's size and that of the losses that
-    /// look at plain pixels.
-    pub(super) fn undistort(
+    /// Frames distorted into `distorted`, with no way back; [`Copies::shrink`] brings them to CLIP's size. What
+    /// [`Copies::forward`] left for its own way back stays.
+    pub(super) fn distort(
         &mut self,
         rec: &mut Recorder,
         drawn: Drawn,
+        frames: &Buffer<f32>,
+        distorted: &mut Buffer<f32>,
+    ) -> Result<(), KernelError> {
+        self.layer.forward(rec, drawn, frames, distorted)
+    }
+
+    /// Distorted frames at CLIP's size.
+    pub(super) fn shrink(
+        &mut self,
+        rec: &mut Recorder,
+        distorted: &Buffer<f32>,
+        resizer: &mut Resizer,
+        resized: &mut Buffer<f32>,
+    ) -> Result<(), KernelError> {
+        quantize::forward(rec, distorted, &mut self.rounded)?;
+        resizer.forward(rec, &self.rounded, resized)
+    }
+
+    /// Gradient of the `frames` of [`Copies::forward`], from that of the distorted ones at CLIP's size.
+    pub(super) fn backward(
+        &mut self,
+        rec: &mut Recorder,
+        drawn: Drawn,
+        frames: &Buffer<f32>,
+        resizer: &mut Resizer,
         v_resized: &Buffer<f32>,
     ) -> Result<(), KernelError> {
-        let Some(Copies { layer, raw, rounded }) = &mut self.copies else { return Ok(()) };
-        let onward = Onward { plus: None, clamped: Some(raw) };
-        resize::backward(rec, &self.resize, v_resized, (&mut *rounded, onward), &mut self.resize_scratch)?;
-        layer.backward(rec, drawn, (&self.marked, rounded), raw)?;
-        let v_marked = if self.v_marked.is_empty() {
-            &*raw
-        } else {
-            axpy::forward(rec, 1.0, raw, &self.v_marked, rounded)?;
-            &*rounded
-        };
-        // Without noise its backward pass is that of the clamp to [0, 1].
-        let clamp = Noise { sigma: 0.0, seed: 0, stream: 0 };
-        noise::backward(rec, &clamp, &self.raw, v_marked, &mut self.v_raw)
+        let onward = Onward { plus: None, clamped: Some(&self.raw) };
+        resizer.backward_onward(rec, v_resized, &mut self.rounded, onward)?;
+        self.layer.backward(rec, drawn, frames, &self.rounded, &mut self.raw)
+    }
+
+    /// That gradient, with another one added if there is one.
+    pub(super) fn gradient(
+        &mut self,
+        rec: &mut Recorder,
+        plus: Option<&Buffer<f32>>,
+    ) -> Result<&Buffer<f32>, KernelError> {
+        let Some(plus) = plus else { return Ok(&self.raw) };
+        axpy::forward(rec, 1.0, &self.raw, plus, &mut self.rounded)?;
+        Ok(&self.rounded)
     }
 }

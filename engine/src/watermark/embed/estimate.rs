@@ -5,18 +5,23 @@ use std::time::Instant;
 
 use serde::Serialize;
 
+use super::config::EmbedConfig;
+use super::draw::draw;
+use super::embedding::Embedding;
+use super::fit::{CLIPS_PER_PROBE, ZERO_CLIPS};
 use super::pool::ClipPool;
-use super::{EmbedConfig, Embedding, Start, Subject};
+use super::subject::{Start, Subject};
 use crate::error::EngineError;
 
 /// Training clips that are made to learn what a clip takes; views differ by some percent.
 const SAMPLED_CLIPS: usize = 8;
-/// Steps that are timed, or as many more as controls and LPIPS take to come round, after those in which the driver compiles.
+/// Steps that are timed, or as many more as controls and LPIPS take to come round, after those in which the driver
+/// compiles.
 const TIMED_STEPS: usize = 2;
 /// Forward passes of the extractor by which the work of a fit is counted: for each clip, for each random field, and for
 /// each of the clips that set the zero.
 const PASSES_PER_CLIP: usize = 1;
-const PASSES_PER_RESPONSE: usize = super::fit::CLIPS_PER_RESPONSE;
+const PASSES_PER_PROBE: usize = CLIPS_PER_PROBE;
 const PASSES_PER_ZERO: usize = 2;
 
 /// Memory and time of an embedding, before it is done.
@@ -40,7 +45,7 @@ pub struct Estimate {
     pub clips_in_memory: usize,
     /// Seconds for planning, those for making clips again among them.
     pub plan_seconds: f64,
-    /// Seconds for fitting the extractor, try-outs of mixings among them.
+    /// Seconds for fitting the extractor, try-outs of rotations among them.
     pub fit_seconds: f64,
     /// Seconds for all steps, held-out measurements among them, as if LPIPS kept nothing of unmarked clips.
     pub train_seconds: f64,
@@ -48,8 +53,8 @@ pub struct Estimate {
 
 impl Estimate {
     /// Prepares a sample and extrapolates: memory in proportion to the number of clips, time also to steps and random
-    /// fields. Of a ladder it is the most: all clips, and all steps as on the first rung. Steps in which R is held count as if
-    /// it were trained. The times suppose that nothing else keeps the device busy.
+    /// fields. Of a schedule it is the most: all clips, and all steps as in the first phase. Steps in which R is held
+    /// count as if it were trained. The times suppose that nothing else keeps the device busy.
     ///
     /// # Errors
     /// As [`Embedding::prepare`], also when the sample does not fit into the memory budget.
@@ -57,7 +62,8 @@ impl Estimate {
         config.validate_for(subject.key.bits())?;
         let device = subject.device;
         let budget = device.memory_budget();
-        let few = EmbedConfig { tmsd_held: 0.0, mixings: 1, ..config.clone() }.with_responses(subject.key.bits());
+        let few = config.clone().with_rotations(1).with_probes(subject.key.bits());
+        let few = few.with(|few| few.extractor.joint_mut().into_iter().for_each(|joint| joint.tmsd_held = 0.0));
         let mut pool = ClipPool::draw(device, subject.model, &subject.key.prf(), &few)?;
         let clips = pool.len();
         pool.thin_out(SAMPLED_CLIPS);
@@ -67,7 +73,7 @@ impl Estimate {
         let round = config.round();
         let timed_steps = TIMED_STEPS.next_multiple_of(round);
         let mut timed = 0.0;
-        for step in 0..(round + timed_steps).min(config.steps) {
+        for step in 0..(round + timed_steps).min(config.optimiser.steps) {
             let started = Instant::now();
             embedding.step()?;
             timed += if step < round { 0.0 } else { started.elapsed().as_secs_f64() };
@@ -89,14 +95,14 @@ impl Estimate {
         let missed = 1.0 - in_memory as f64 / clips as f64;
         let per_clip = embedding.seconds["plan"] / sampled as f64;
         let passes = |config: &EmbedConfig, clips: usize| {
-            let zero = PASSES_PER_ZERO * clips.min(super::fit::ZERO_CLIPS);
-            (PASSES_PER_CLIP * clips + PASSES_PER_RESPONSE * config.responses + zero) as f64
+            let zero = PASSES_PER_ZERO * clips.min(ZERO_CLIPS);
+            (PASSES_PER_CLIP * clips + PASSES_PER_PROBE * config.extractor.probes() + zero) as f64
         };
-        let fitted = passes(config, config.on_rung(0).views as usize);
+        let fitted = passes(config, config.in_phase(0).views.clips as usize);
         // Each of these asks for a clip, and so does each step.
-        let asked = fitted + (config.try_out_steps() + config.steps) as f64;
+        let asked = fitted + (config.try_out_steps() + config.optimiser.steps) as f64;
         let step_seconds = timed / timed_steps as f64;
-        let measured = config.most_looks();
+        let measured = config.most_evaluations();
         Ok(Self {
             splats: subject.model.gaussians.len(),
             clips,
@@ -109,7 +115,7 @@ impl Estimate {
             plan_seconds: per_clip * (clips as f64 + missed * asked),
             fit_seconds: embedding.seconds["fit"] * fitted / passes(&few, embedding.clips.training().len())
                 + step_seconds * config.try_out_steps() as f64,
-            train_seconds: step_seconds * config.steps as f64 + measuring * measured as f64,
+            train_seconds: step_seconds * config.optimiser.steps as f64 + measuring * measured as f64,
         })
     }
 }
@@ -117,9 +123,11 @@ impl Estimate {
 impl Embedding<'_> {
     /// Device bytes of what LPIPS keeps of all clips that its comparisons by these settings come to.
     fn kept_by_lpips(&self, config: &EmbedConfig) -> u64 {
-        let (Some(perception), Some(term)) = (&self.critic.perception, config.trained_lpips()) else { return 0 };
-        let clip = |step| super::draw(self.subject.key, config.seed, step, config.views as usize).0;
-        let compared: BTreeSet<usize> = (0..config.steps).step_by(term.every as usize).map(clip).collect();
+        let (Some(perception), Some(term)) = (self.loss.perception(), config.objective.trained_lpips()) else {
+            return 0;
+        };
+        let clip = |step| draw(self.subject.key, config.seed, step, config.views.clips as usize).0;
+        let compared: BTreeSet<usize> = (0..config.optimiser.steps).step_by(term.every as usize).map(clip).collect();
         perception.kept_bytes(compared.len())
     }
 }

@@ -6,102 +6,115 @@
 use guard4d_kernels::Device;
 use guard4d_kernels::image::colour_map::ColourMap;
 use guard4d_kernels::image::noise::Noise;
-use guard4d_kernels::shape::ClipShape;
+use guard4d_kernels::shape::{ClipShape, OffsetBases};
 use nalgebra::{Matrix3, SymmetricEigen};
 use rand_chacha::ChaCha20Rng;
 
-use super::config::EmbedConfig;
+use super::buffers::TrainingBuffers;
+use super::config::{CalibrationConfig, EmbedConfig, Extractor, JointConfig};
 use super::pool::ClipPool;
-use super::step::Stage;
-use crate::clip::{Clip, Purpose};
-use crate::distortion::{Drawn, Layer};
+use crate::base::prf::{self, Prf, standard_normal, uniform_below};
 use crate::error::EngineError;
-use crate::render::OffsetBases;
+use crate::networks::clip::{ClipModel, TowerPurpose};
+use crate::picture::distortion::{Distortion, DistortionLayer, Drawn};
 use crate::scene::gaussians::{CHANNELS, Y0};
-use crate::watermark::calibration::Calibration;
-use crate::watermark::evidence::ExtractorMode;
-use crate::watermark::extractor::{CLIP_FRAMES, ExtractorWeights, FeatureExtractor, decode};
-use crate::watermark::key::Key;
-use crate::watermark::mixing::Mixing;
-use crate::watermark::prf::{Prf, Purpose as Stream, standard_normal, uniform_below};
-use crate::watermark::scatter::AssetFeatures;
-use crate::watermark::tmsd::TmsdWeights;
+use crate::watermark::extractor::calibration::Calibration;
+use crate::watermark::extractor::features::FeatureExtractor;
+use crate::watermark::extractor::reader::decode;
+use crate::watermark::extractor::rotation::KeyRotation;
+use crate::watermark::extractor::scatter::AssetFeatures;
+use crate::watermark::extractor::tmsd::{TmsdConfig, TmsdWeights};
+use crate::watermark::extractor::weights::{CLIP_FRAMES, ExtractorWeights};
+use crate::watermark::key::owner_key::Key;
 
 /// Clips whose logits set the zero.
 pub(super) const ZERO_CLIPS: usize = 32;
 /// Clips that are copied.
 const COPIED_CLIPS: usize = 8;
 /// Clips on which each random field is tried.
-pub(super) const CLIPS_PER_RESPONSE: usize = 2;
+pub(super) const CLIPS_PER_PROBE: usize = 2;
 /// Frames of these.
-const FRAMES_PER_RESPONSE: usize = CLIPS_PER_RESPONSE * CLIP_FRAMES;
+const FRAMES_PER_PROBE: usize = CLIPS_PER_PROBE * CLIP_FRAMES;
 
-/// R (for all but `none`) and the calibration for one asset, mixed by the key's first rotation; and the features that its zero is the mean of.
-pub(super) fn extractor(
-    device: &Device,
-    clip: &Clip,
-    key: &Key,
-    config: &EmbedConfig,
-    pool: &mut ClipPool,
-    stage: &mut Stage,
-) -> Result<(ExtractorWeights, Vec<f32>), EngineError> {
-    let prf = key.prf();
-    let general = config.general.as_deref();
-    let tmsd = match config.mode {
-        ExtractorMode::None => None,
-        _ => {
-            let map = colour_map(config, pool, stage)?;
-            Some(match general {
-                Some(general) => general.tmsd.with_colour_map(map),
-                None => TmsdWeights::new(config.tmsd, map, &mut prf.stream(Stream::TmsdInit, config.seed)),
-            })
+/// What fitting reads unmarked clips with, on the way to an extractor.
+pub(super) struct FitContext<'a> {
+    pub(super) device: &'a Device,
+    pub(super) config: &'a EmbedConfig,
+    pub(super) prf: &'a Prf,
+    pub(super) pool: &'a mut ClipPool,
+    /// Its offsets are zero before and after.
+    pub(super) buffers: &'a mut TrainingBuffers,
+}
+
+/// An extractor for one asset.
+pub(super) struct Fitted {
+    /// R (for all but `none`) and the calibration, mixed by the key's first rotation.
+    pub(super) weights: ExtractorWeights,
+    /// The features that its zero is the mean of.
+    pub(super) unmarked: Vec<f32>,
+}
+
+/// Fits an extractor to the unmarked asset.
+pub(super) fn extractor(context: &mut FitContext<'_>, clip: &ClipModel, key: &Key) -> Result<Fitted, EngineError> {
+    let (device, config, prf) = (context.device, context.config, context.prf);
+    let tmsd = tmsd(context)?;
+    let mut features =
+        context.pool.with_room(|| FeatureExtractor::new(device, clip, tmsd.as_ref(), 1, TowerPurpose::Features))?;
+    let (bits, mut rng) = (key.bits(), KeyRotation::FIXED.stream(prf));
+    let calibration = match &config.extractor {
+        Extractor::Pretrained(pretrained) => {
+            let content = content_features(context, &mut features)?.concat();
+            Calibration::pretrained(pretrained.weights.get()?, &content, bits, &mut rng)?
         }
-    };
-    let mut features = pool.with_room(|| FeatureExtractor::new(device, clip, tmsd.as_ref(), 1, Purpose::Features))?;
-    let (bits, mut rng) = (key.bits(), Mixing::FIXED.stream(&prf));
-    let calibration = match general {
-        Some(general) => {
-            let content = content_features(device, &mut features, pool, stage)?.concat();
-            Calibration::general(general, &content, bits, &mut rng)?
-        }
-        None => {
-            let seen = Seen::of(device, &mut features, (config, &prf), pool, stage)?;
+        Extractor::None(_) | Extractor::Blind(_) | Extractor::Joint(_) => {
+            let seen = Seen::of(context, &mut features)?;
             Calibration::fit(&seen.features(), bits, &mut rng)?
         }
     };
-    let unmarked = unmarked_features(device, &mut features, (config, pool, stage))?;
-    let mut weights = ExtractorWeights { mode: config.mode, tmsd, calibration, mixing: Mixing::FIXED };
-    pool.with_room(|| set_zero(device, key, &mut weights.calibration, &unmarked))?;
-    Ok((weights, unmarked))
+    let unmarked = unmarked_features(context, &mut features)?;
+    let mut weights = ExtractorWeights { mode: config.mode(), tmsd, calibration, key_rotation: KeyRotation::FIXED };
+    context.pool.with_room(|| set_zero(device, key, &mut weights.calibration, &unmarked))?;
+    Ok(Fitted { weights, unmarked })
+}
+
+/// R as it is before it is trained.
+fn tmsd(context: &mut FitContext<'_>) -> Result<Option<TmsdWeights>, EngineError> {
+    let Some(map) = colour_map(context)? else { return Ok(None) };
+    let own = |size: TmsdConfig| {
+        TmsdWeights::new(size, map, &mut context.prf.stream(prf::Purpose::TmsdInit, context.config.seed))
+    };
+    Ok(match &context.config.extractor {
+        Extractor::None(_) => None,
+        Extractor::Blind(_) => Some(own(TmsdConfig::colour_map_only())),
+        Extractor::Pretrained(pretrained) => Some(pretrained.weights.get()?.tmsd.with_colour_map(map)),
+        Extractor::Joint(JointConfig { tmsd, .. }) => Some(own(*tmsd)),
+    })
 }
 
 /// What R and CLIP make of an asset that carries no message.
 pub(super) struct Seen {
     content: Vec<f32>,
     copies: Vec<f32>,
-    responses: Vec<f32>,
+    probes: Vec<f32>,
     width: usize,
 }
 
 impl Seen {
-    /// Reads unmarked clips, copies of them, and random offsets. The offsets of the stage are zero before and after.
-    pub(super) fn of(
-        device: &Device,
-        features: &mut FeatureExtractor,
-        (config, prf): (&EmbedConfig, &Prf),
-        pool: &mut ClipPool,
-        stage: &mut Stage,
-    ) -> Result<Self, EngineError> {
-        let content = content_features(device, features, pool, stage)?;
-        let copies = copies_features(device, features, config, pool, stage)?;
-        let responses = responses(device, features, (config, prf), pool, (stage, &content))?;
+    /// Reads unmarked clips, copies of them, and random offsets; nothing of the latter two without a calibration.
+    pub(super) fn of(context: &mut FitContext<'_>, features: &mut FeatureExtractor) -> Result<Self, EngineError> {
+        let content = content_features(context, features)?;
+        let (mut copies, mut probes) = (Vec::new(), Vec::new());
+        if let Some(calibration) = context.config.extractor.calibration() {
+            copies = copies_features(context, features, &calibration.copies)?;
+            probes = calibration_probes(context, features, calibration, &content)?;
+        }
         let width = features.features().len() / CLIP_FRAMES;
-        Ok(Self { content: content.concat(), copies, responses, width })
+        Ok(Self { content: content.concat(), copies, probes, width })
     }
 
     pub(super) fn features(&self) -> AssetFeatures<'_> {
-        let Self { content, copies, responses, width } = self;
-        AssetFeatures { content, copies, responses, frames: FRAMES_PER_RESPONSE, width: *width }
+        let Self { content, copies, probes, width } = self;
+        AssetFeatures { content, copies, responses: probes, frames: FRAMES_PER_PROBE, width: *width }
     }
 }
 
@@ -130,21 +143,22 @@ pub(super) fn set_zero(
 
 /// Features `[n, D]` of unmarked clips, clean and noisy.
 pub(super) fn unmarked_features(
-    device: &Device,
+    context: &mut FitContext<'_>,
     features: &mut FeatureExtractor,
-    (config, pool, stage): (&EmbedConfig, &mut ClipPool, &mut Stage),
 ) -> Result<Vec<f32>, EngineError> {
-    let sigma = (config.noise_sigma.0 * config.noise_sigma.1).sqrt();
+    let FitContext { device, config, pool, buffers, .. } = context;
+    let (low, high) = config.objective.noise_sigma;
+    let sigma = (low * high).sqrt();
     let mut found = Vec::new();
     for (stream, index) in (0..).zip(pool.training().take(ZERO_CLIPS)) {
-        let clip = pool.get(index, stage)?;
+        let clip = pool.get(index, buffers)?;
         for noise in [None, Some(Noise { sigma, seed: config.seed, stream })] {
             let mut rec = device.recorder()?;
             match noise {
                 None => features.forward(&mut rec, &[&clip.resized])?,
                 Some(noise) => {
-                    stage.noisy(&mut rec, &clip, &noise)?;
-                    features.forward(&mut rec, &[&stage.noisy_resized])?;
+                    buffers.noisy_control(&mut rec, &clip, &noise)?;
+                    features.forward(&mut rec, &[buffers.control()])?;
                 }
             }
             rec.submit()?;
@@ -154,22 +168,20 @@ pub(super) fn unmarked_features(
     Ok(found)
 }
 
-/// The colour map that goes with an asset: G λ² (M + λ²)⁻¹.
-pub(super) fn colour_map(
-    config: &EmbedConfig,
-    pool: &mut ClipPool,
-    stage: &mut Stage,
-) -> Result<ColourMap, EngineError> {
-    Ok(silencing(&second_moment(pool, stage)?, config.null_gain, config.null_level))
+/// The colour map that goes with an asset, G λ² (M + λ²)⁻¹; none without an R.
+pub(super) fn colour_map(context: &mut FitContext<'_>) -> Result<Option<ColourMap>, EngineError> {
+    let Some(colours) = context.config.extractor.colours() else { return Ok(None) };
+    Ok(Some(silencing(&second_moment(context)?, colours.null_gain, colours.null_level)))
 }
 
 /// E\[x xᵀ\] over all pixels of the resized unmarked clips.
-fn second_moment(pool: &mut ClipPool, stage: &mut Stage) -> Result<Matrix3<f64>, EngineError> {
+fn second_moment(context: &mut FitContext<'_>) -> Result<Matrix3<f64>, EngineError> {
+    let FitContext { pool, buffers, .. } = context;
     // Clips come in the order of what is in memory; their sums are added in the order of their numbers.
     let mut sums = vec![(Matrix3::zeros(), 0.0); pool.training().len()];
     for index in pool.training_at_hand_first() {
         let (sum, count) = &mut sums[index];
-        for texel in pool.get(index, stage)?.resized.read()?.as_chunks::<4>().0 {
+        for texel in pool.get(index, buffers)?.resized.read()?.as_chunks::<4>().0 {
             let x = nalgebra::Vector3::new(f64::from(texel[0]), f64::from(texel[1]), f64::from(texel[2]));
             *sum += x * x.transpose();
             *count += 1.0;
@@ -191,14 +203,13 @@ fn silencing(moment: &Matrix3<f64>, gain: f64, level: f64) -> ColourMap {
 
 /// Features of each unmarked clip `[F, D]`.
 fn content_features(
-    device: &Device,
+    context: &mut FitContext<'_>,
     features: &mut FeatureExtractor,
-    pool: &mut ClipPool,
-    stage: &mut Stage,
 ) -> Result<Vec<Vec<f32>>, EngineError> {
+    let FitContext { device, pool, buffers, .. } = context;
     let mut found = vec![Vec::new(); pool.training().len()];
     for index in pool.training_at_hand_first() {
-        let clip = pool.get(index, stage)?;
+        let clip = pool.get(index, buffers)?;
         let mut rec = device.recorder()?;
         features.forward(&mut rec, &[&clip.resized])?;
         rec.submit()?;
@@ -209,25 +220,24 @@ fn content_features(
 
 /// Features of unmarked clips in copies `[m, D]`, at both ends of each range of strengths.
 fn copies_features(
-    device: &Device,
+    context: &mut FitContext<'_>,
     features: &mut FeatureExtractor,
-    config: &EmbedConfig,
-    pool: &mut ClipPool,
-    stage: &mut Stage,
+    copies: &[Distortion],
 ) -> Result<Vec<f32>, EngineError> {
-    let size = config.frame_size();
+    let FitContext { device, config, pool, buffers, .. } = context;
+    let size = config.views.frame_size();
     let shape = ClipShape { frames: CLIP_FRAMES, height: size.height, width: size.width };
-    let mut layer = pool.with_room(|| Ok(Layer::new(device, shape, &config.calibration_copies)?))?;
+    let mut layer = pool.with_room(|| Ok(DistortionLayer::new(device, shape, copies)?))?;
     let mut found = Vec::new();
-    for (index, distortion) in config.calibration_copies.iter().enumerate() {
+    for (index, distortion) in copies.iter().enumerate() {
         let ends: &[f64] = if distortion.is_fixed() { &[0.0] } else { &[0.0, 1.0] };
         for &share in ends {
             for number in pool.training().take(COPIED_CLIPS) {
-                let clip = pool.get(number, stage)?;
+                let clip = pool.get(number, buffers)?;
                 let mut rec = device.recorder()?;
                 let drawn = Drawn { index, share, seed: config.seed, stream: 0 };
-                stage.copy_control(&mut rec, &clip, (&mut layer, drawn))?;
-                features.forward(&mut rec, &[&stage.noisy_resized])?;
+                buffers.copy_control(&mut rec, &clip, &mut layer, drawn)?;
+                features.forward(&mut rec, &[buffers.control()])?;
                 rec.submit()?;
                 found.extend(features.features().read()?);
             }
@@ -236,32 +246,33 @@ fn copies_features(
     Ok(found)
 }
 
-/// Feature change that each random offset field causes in each of its frames `[k, F, D]`. The fields take the place of the offsets, which are zero
-/// again afterwards.
-fn responses(
-    device: &Device,
+/// Feature change that each random offset field causes in each of its frames `[k, F, D]`. The fields take the place of
+/// the offsets, which are zero again afterwards.
+fn calibration_probes(
+    context: &mut FitContext<'_>,
     features: &mut FeatureExtractor,
-    (config, prf): (&EmbedConfig, &Prf),
-    pool: &mut ClipPool,
-    (stage, content): (&mut Stage, &[Vec<f32>]),
+    calibration: &CalibrationConfig,
+    content: &[Vec<f32>],
 ) -> Result<Vec<f32>, EngineError> {
-    let mut rng = prf.stream(Stream::Responses, config.seed);
+    let FitContext { device, config, prf, pool, buffers } = context;
+    let mut rng = prf.stream(prf::Purpose::Responses, config.seed);
     let clips = u32::try_from(pool.training().len()).unwrap_or(u32::MAX);
+    let (num_splats, bases) = (buffers.offsets.num_splats(), buffers.offsets.bases());
     let mut found = Vec::new();
-    for _ in 0..config.responses {
-        stage.offsets.write(&random_field(stage.num_splats, stage.bases, config.response_level, &mut rng))?;
-        for _ in 0..CLIPS_PER_RESPONSE {
+    for _ in 0..calibration.probes {
+        buffers.offsets.write(&random_field(num_splats, bases, calibration.probe_level, &mut rng))?;
+        for _ in 0..CLIPS_PER_PROBE {
             let index = uniform_below(&mut rng, clips) as usize;
-            let clip = pool.get(index, stage)?;
+            let clip = pool.get(index, buffers)?;
             let mut rec = device.recorder()?;
-            stage.render(&mut rec, &clip)?;
-            features.forward(&mut rec, &[&stage.resized])?;
+            buffers.render(&mut rec, &clip)?;
+            features.forward(&mut rec, &[buffers.resized()])?;
             rec.submit()?;
             let moved = features.features().read()?;
             found.extend(moved.iter().zip(&content[index]).map(|(m, c)| m - c));
         }
     }
-    stage.offsets.write(&vec![0.0; stage.offsets.len()])?;
+    buffers.offsets.write(&vec![0.0; num_splats * bases.floats()])?;
     Ok(found)
 }
 

@@ -1,15 +1,16 @@
-//! LPIPS in a training step. What its network sees in a clip's unmarked frames is kept where whole frames are compared and
-//! memory has room: it takes several times the memory of the clip itself, so that no clip goes for it.
+//! LPIPS in a training step. What its network sees in a clip's unmarked frames is kept where whole frames are compared
+//! and memory has room: it takes several times the memory of the clip itself, so that no clip goes for it.
 
 use guard4d_kernels::image::resize::ImageSize;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
 
-use super::clips::TrainingClip;
+use super::buffers::MarkedFrames;
 use super::config::EmbedConfig;
 use super::pool::ClipPool;
+use super::training_clip::TrainingClip;
 use crate::error::EngineError;
-use crate::lpips::{Lpips, LpipsFeatures, LpipsPass, Pair, Reference};
-use crate::watermark::extractor::CLIP_FRAMES;
+use crate::networks::lpips::{Lpips, LpipsFeatures, LpipsGradient, LpipsPass, Pair, Reference};
+use crate::watermark::extractor::weights::CLIP_FRAMES;
 
 /// Bytes of all that is kept where no memory budget says how much there may be.
 const UNASKED_BYTES: u64 = 1 << 30;
@@ -30,9 +31,9 @@ pub(super) struct Perception {
 impl Perception {
     /// `None` when LPIPS is no part of the loss.
     pub(super) fn new(device: &Device, config: &EmbedConfig) -> Result<Option<Self>, EngineError> {
-        let Some(term) = config.trained_lpips() else { return Ok(None) };
-        let net = Lpips::new(device, &term.weights, term.input)?;
-        let frame = config.frame_size();
+        let Some(term) = config.objective.trained_lpips() else { return Ok(None) };
+        let net = Lpips::new(device, term.network.get()?, term.input)?;
+        let frame = config.views.frame_size();
         let pass = net.pass(term.part_of(frame), CLIP_FRAMES)?;
         Ok(Some(Self {
             net,
@@ -44,15 +45,15 @@ impl Perception {
         }))
     }
 
-    /// Device bytes of what may be kept of so many clips, each as large as the next: as many of them as there is room for
-    /// where there is no budget.
+    /// Device bytes of what may be kept of so many clips, each as large as the next: as many of them as there is room
+    /// for where there is no budget.
     pub(super) fn kept_bytes(&self, clips: usize) -> u64 {
         let each = self.pass.features_bytes();
         if self.keeps { each * (clips as u64).min(UNASKED_BYTES / each.max(1)) } else { 0 }
     }
 
-    /// Makes room for what the network sees in a clip, between steps, if nothing is known of it yet and nothing else needs
-    /// that memory.
+    /// Makes room for what the network sees in a clip, between steps, if nothing is known of it yet and nothing else
+    /// needs that memory.
     pub(super) fn make_room(
         &mut self,
         device: &Device,
@@ -84,17 +85,18 @@ impl Perception {
     pub(super) fn step(
         &mut self,
         rec: &mut Recorder,
-        (image, clip): (&Buffer<f32>, &TrainingClip),
+        marked: MarkedFrames<'_>,
+        clip: &TrainingClip,
         corner: [usize; 2],
-        v_image: &mut Buffer<f32>,
     ) -> Result<(), KernelError> {
-        let pair = Pair { image, reference: &clip.reference, full: self.frame, corner };
+        let pair = Pair { image: marked.frames, reference: &clip.reference, full: self.frame, corner };
         let known = match (clip.features.get(), &mut self.room) {
             (Some(features), _) => Reference::Kept(features),
             (None, Some(room)) => Reference::Keep(room),
             (None, None) => Reference::Unknown,
         };
-        self.net.step_with(rec, &mut self.pass, (&pair, known), Some((v_image, self.weight)))
+        let gradient = LpipsGradient { v_image: marked.gradient, weight: self.weight };
+        self.net.step_with(rec, &mut self.pass, &pair, known, Some(gradient))
     }
 
     /// What a step leaves for [`Perception::score`].

@@ -8,13 +8,14 @@ use std::sync::Arc;
 use guard4d_kernels::{Device, KernelError};
 use rand_chacha::rand_core::Rng;
 
-use super::clips::{ClipBuilder, TrainingClip, shots};
+use super::buffers::TrainingBuffers;
+use super::clips::{ClipBuilder, Draws, shots};
 use super::config::EmbedConfig;
-use super::step::Stage;
+use super::training_clip::TrainingClip;
+use crate::base::prf::{Prf, Purpose};
 use crate::error::EngineError;
-use crate::lpips::LpipsFeatures;
+use crate::networks::lpips::LpipsFeatures;
 use crate::scene::{Camera, Model};
-use crate::watermark::prf::{Prf, Purpose as Stream};
 
 /// All clips of an embedding by number: first those that steps are taken on, then those that none is taken on.
 pub(super) struct ClipPool {
@@ -61,28 +62,29 @@ pub(super) fn is_over_budget<T>(done: &Result<T, EngineError>) -> bool {
 }
 
 impl ClipPool {
-    /// Draws random views over the whole motion. The held-out ones have a random stream of their own, so that the others
-    /// are the same with and without them.
+    /// Draws random views over the whole motion. The held-out ones have a random stream of their own, so that the
+    /// others are the same with and without them.
     pub(super) fn draw(device: &Device, model: &Model, prf: &Prf, config: &EmbedConfig) -> Result<Self, EngineError> {
-        let mut rng = prf.stream(Stream::Views, config.seed);
-        let mut drawn = shots(config, (config.views, config.seed), config.films(), &mut rng)?;
+        let mut rng = prf.stream(Purpose::Views, config.seed);
+        let draws = Draws { clips: config.views.clips, seed: config.seed };
+        let mut drawn = shots(config, model, draws, config.films(), &mut rng)?;
         let num_training = drawn.len();
         if config.held_out_clips() > 0 {
-            let mut rng = prf.stream(Stream::HeldOutViews, config.seed);
-            let cameras = (config.held_out_clips(), rng.next_u64());
-            drawn.extend(shots(config, cameras, true, &mut rng)?);
+            let mut rng = prf.stream(Purpose::HeldOutViews, config.seed);
+            let draws = Draws { clips: config.held_out_clips(), seed: rng.next_u64() };
+            drawn.extend(shots(config, model, draws, true, &mut rng)?);
         }
         let builder = ClipBuilder::new(device, model, config)?;
-        let in_use = (config.on_rung(0).views as usize).min(num_training);
+        let in_use = (config.in_phase(0).views.clips as usize).min(num_training);
         Ok(Self { shots: drawn, num_training, in_use, builder, kept: Kept::default(), made: 0 })
     }
 
-    /// Takes as many training clips into use, at most all. Those that the stage, as it was, made are not made again.
+    /// Takes as many training clips into use, at most all. Those that are there are not made again.
     pub(super) fn use_training(&mut self, clips: usize) {
         self.in_use = clips.min(self.num_training);
     }
 
-    /// Lets go of all clips, which a stage with other bases makes anew.
+    /// Lets go of all clips, which have to be made anew for other bases.
     pub(super) fn forget_clips(&mut self) {
         self.kept.0.clear();
     }
@@ -127,9 +129,9 @@ impl ClipPool {
     }
 
     /// Makes clips until all that are in use are there or memory is full.
-    pub(super) fn fill(&mut self, stage: &mut Stage) -> Result<(), EngineError> {
+    pub(super) fn fill(&mut self, buffers: &mut TrainingBuffers) -> Result<(), EngineError> {
         for (before, index) in self.training().chain(self.held_out()).enumerate() {
-            self.get(index, stage)?;
+            self.get(index, buffers)?;
             if self.kept.0.len() <= before {
                 break;
             }
@@ -140,14 +142,18 @@ impl ClipPool {
     }
 
     /// One clip, made if it is not there.
-    pub(super) fn get(&mut self, index: usize, stage: &mut Stage) -> Result<Arc<TrainingClip>, EngineError> {
+    pub(super) fn get(
+        &mut self,
+        index: usize,
+        buffers: &mut TrainingBuffers,
+    ) -> Result<Arc<TrainingClip>, EngineError> {
         let clip = match self.kept.take(index) {
             Some(clip) => clip,
             None => {
                 let Self { shots, num_training, builder, kept, .. } = self;
                 let (shots, is_trained_on) = (&shots[index], index < *num_training);
                 let mut build =
-                    |builder: &mut ClipBuilder| kept.with_room(0, || builder.build(shots, stage, is_trained_on));
+                    |builder: &mut ClipBuilder| kept.with_room(0, || builder.build(shots, buffers, is_trained_on));
                 let mut built = build(builder);
                 if is_over_budget(&built) && builder.save_memory() {
                     built = build(builder);

@@ -1,7 +1,8 @@
-//! Making a general extractor: what moves image features behind a scene's own colour map, summed over many scenes.
+//! Making a pretrained extractor: what moves image features behind a scene's own colour map, summed over many scenes.
 //!
-//! Each scene brings random offsets, which are random messages to whatever reads them, and the clips and copies that these have to be told
-//! from. No owner's key, message or scene takes part, so that what comes out is the same for all owners.
+//! Each scene brings random offsets, which are random messages to whatever reads them, and the clips and copies that
+//! these have to be told from. No owner's key, message or scene takes part, so that what comes out is the same for all
+//! owners.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -11,24 +12,24 @@ use std::time::Instant;
 use guard4d_kernels::Device;
 use serde::{Deserialize, Serialize};
 
+use super::buffers::TrainingBuffers;
 use super::config::{EmbedConfig, Profile};
-use super::fit::{self, Seen};
+use super::fit::{self, FitContext, Seen};
 use super::pool::ClipPool;
-use super::step::Stage;
-use crate::clip::{Clip, Purpose as Use};
+use crate::base::digest::Digest;
+use crate::base::matrix::row_major;
+use crate::base::output::{AtomicFile, Existing};
+use crate::base::prf::{MasterSecret, Prf, Purpose};
+use crate::base::tensor_file::TensorFile;
 use crate::error::EngineError;
-use crate::output::{AtomicFile, Existing};
-use crate::scene::{Model, Vantage, procedural};
-use crate::tensor_file::TensorFile;
-use crate::watermark::digest::Digest;
-use crate::watermark::evidence::ExtractorMode;
-use crate::watermark::extractor::FeatureExtractor;
-use crate::watermark::general::GeneralExtractor;
-use crate::watermark::key::digest_of;
-use crate::watermark::matrix::row_major;
-use crate::watermark::prf::{MasterSecret, Prf, Purpose};
-use crate::watermark::scatter::Scatter;
-use crate::watermark::tmsd::{SAME_COLOURS, TmsdConfig, TmsdWeights};
+use crate::evidence::extractor_mode::ExtractorMode;
+use crate::networks::clip::{ClipModel, TowerPurpose};
+use crate::scene::{Model, procedural};
+use crate::watermark::extractor::features::FeatureExtractor;
+use crate::watermark::extractor::pretrained::PretrainedExtractor;
+use crate::watermark::extractor::scatter::Scatter;
+use crate::watermark::extractor::tmsd::{SAME_COLOURS, TmsdConfig, TmsdWeights};
+use crate::watermark::key::owner_key::digest_of;
 
 /// `format` entry of a checkpoint.
 const FORMAT: &str = "guard4d.pretraining/1";
@@ -69,7 +70,7 @@ impl fmt::Display for Scenery {
     }
 }
 
-/// What a general extractor is made from.
+/// What a pretrained extractor is made from.
 #[derive(Clone, Debug, Serialize)]
 pub struct PretrainConfig {
     /// Most bits of a message.
@@ -110,15 +111,15 @@ pub struct SceneReport {
     pub scene: String,
     /// Seconds that it took.
     pub seconds: f64,
-    /// How well directions of all scenes so far tell marks from content in scenes that they are not from, as a share of what those scenes'
-    /// own directions do.
+    /// How well directions of all scenes so far tell marks from content in scenes that they are not from, as a share of
+    /// what those scenes' own directions do.
     pub separation: f64,
 }
 
-/// A general extractor in the making.
+/// A pretrained extractor in the making.
 pub struct Pretraining<'a> {
     device: &'a Device,
-    clip: &'a Clip,
+    clip: &'a ClipModel,
     config: PretrainConfig,
     prf: Prf,
     features: FeatureExtractor,
@@ -134,7 +135,7 @@ impl<'a> Pretraining<'a> {
     ///
     /// # Errors
     /// [`EngineError::Usage`] without a scene; when the device fails.
-    pub fn prepare(device: &'a Device, clip: &'a Clip, config: PretrainConfig) -> Result<Self, EngineError> {
+    pub fn prepare(device: &'a Device, clip: &'a ClipModel, config: PretrainConfig) -> Result<Self, EngineError> {
         let (few, scenes) = (config.bits.min(CURVE_BITS), config.num_scenes());
         let is_little = count(&config.probes) == 0 || config.clips == 0 || few == 0 || config.responses < few;
         if is_little || scenes * config.responses < config.bits {
@@ -153,7 +154,7 @@ impl<'a> Pretraining<'a> {
         let prf = Prf::new(&MasterSecret::from_bytes(secret));
         let mut rng = prf.stream(Purpose::TmsdInit, 0);
         let tmsd = TmsdWeights::new(TmsdConfig::colour_map_only(), SAME_COLOURS, &mut rng);
-        let features = FeatureExtractor::new(device, clip, Some(&tmsd), 1, Use::Features)?;
+        let features = FeatureExtractor::new(device, clip, Some(&tmsd), 1, TowerPurpose::Features)?;
         let mut this =
             Self { device, clip, config, prf, features, tmsd, probes: Vec::new(), scatter: None, reports: Vec::new() };
         let probes = this.config.probes.clone();
@@ -203,27 +204,24 @@ impl<'a> Pretraining<'a> {
     fn measure(&mut self, model: &Model, index: u64) -> Result<Scatter, EngineError> {
         let PretrainConfig { clips, responses, size_px, .. } = self.config;
         let usual = EmbedConfig::new(Profile::Balanced, ExtractorMode::Blind);
-        let settings = EmbedConfig {
-            seed: index,
-            views: clips,
-            responses,
-            size_px: (size_px, size_px),
-            vantage: Vantage::of(model, usual.fov_deg.to_radians()),
-            // What brightness does differs from scene to scene more than what marks do: with it 88 % of the bits of fox and robot were read,
-            // without it 92 (two keys each, 150 steps).
-            calibration_copies: Vec::new(),
-            held_out_every: 0,
-            ..usual
-        }
-        .for_degree(model.gaussians.sh_degree);
-        let mut stage = Stage::new(self.device, model, &settings, self.features.side())?;
+        let settings = usual.with_probes(responses).for_degree(model.gaussians.sh_degree).with(|settings| {
+            settings.seed = index;
+            (settings.views.clips, settings.views.size_px) = (clips, (size_px, size_px));
+            // What brightness does differs from scene to scene more than what marks do: with it 88 % of the bits of fox
+            // and robot were read, without it 92 (two keys each, 150 steps).
+            settings.extractor.calibration_mut().into_iter().for_each(|calibration| calibration.copies.clear());
+            settings.optimiser.held_out_every = 0;
+        });
+        let mut buffers = TrainingBuffers::new(self.device, model, &settings, self.features.side())?;
         let mut pool = ClipPool::draw(self.device, model, &self.prf, &settings)?;
-        pool.fill(&mut stage)?;
-        let map = fit::colour_map(&settings, &mut pool, &mut stage)?;
-        if let Some(tmsd) = self.features.tmsd() {
+        pool.fill(&mut buffers)?;
+        let (device, prf) = (self.device, &self.prf);
+        let mut context = FitContext { device, config: &settings, prf, pool: &mut pool, buffers: &mut buffers };
+        let map = fit::colour_map(&mut context)?;
+        if let (Some(tmsd), Some(map)) = (self.features.tmsd(), map) {
             tmsd.set_colour_map(map);
         }
-        let seen = Seen::of(self.device, &mut self.features, (&settings, &self.prf), &mut pool, &mut stage)?;
+        let seen = Seen::of(&mut context, &mut self.features)?;
         Scatter::of(&seen.features())
     }
 
@@ -293,13 +291,13 @@ impl<'a> Pretraining<'a> {
     ///
     /// # Errors
     /// [`EngineError::Usage`] before the first scene.
-    pub fn extractor(&self, made_by: String) -> Result<GeneralExtractor, EngineError> {
+    pub fn extractor(&self, made_by: String) -> Result<PretrainedExtractor, EngineError> {
         let scatter = self.scatter.as_ref().ok_or_else(|| EngineError::Usage {
-            what: "general extractor".to_owned(),
+            what: "pretrained extractor".to_owned(),
             got: "no scene".to_owned(),
             expected: "at least one".to_owned(),
         })?;
-        Ok(GeneralExtractor {
+        Ok(PretrainedExtractor {
             clip: digest_of(self.clip),
             tmsd: self.tmsd.clone(),
             directions: row_major(&scatter.discriminants(self.config.bits)?),

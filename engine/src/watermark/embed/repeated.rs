@@ -1,15 +1,13 @@
-//! The passes of a step that are the same in every step, recorded once: everything from the clips as R shows them, through
-//! tower, decoder and losses, back to the gradient of the marked clip and of R's weights. What comes before and after takes
-//! plans, noise, rates and step counts that change.
+//! The passes of a step that are the same in every step, recorded once: everything from the clips as R shows them,
+//! through tower, decoder and losses, back to the gradient of the marked clip and of R's weights. What comes before and
+//! after takes plans, noise, rates and step counts that change.
 
 use std::time::Duration;
 
 use guard4d_kernels::{Device, KernelError, Recorder, Section};
 
-use super::config::EmbedConfig;
-use super::step::{Critic, Rates};
-use super::terms::Control;
-use crate::watermark::extractor::Training;
+use super::config::Control;
+use crate::watermark::extractor::features::Training;
 
 /// How those passes come to the device. The results are the same to the bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -21,15 +19,18 @@ pub enum Repetition {
     RecordedAnew,
 }
 
-/// What they depend on, beside the buffers and weights that the critic owns.
+/// What they depend on, beside buffers and weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Constants {
-    recomputes: bool,
-    training: Training,
-    control: Control,
-    lambda_msg: f32,
-    lambda_control: f32,
-    control_every: u32,
+pub(super) struct Constants {
+    /// Which of the decoder's passes they go through.
+    pub(super) pass: usize,
+    pub(super) recomputes: bool,
+    pub(super) training: Training,
+    /// The control loss, where there is one.
+    pub(super) control: Option<Control>,
+    pub(super) lambda_msg: f32,
+    pub(super) lambda_control: f32,
+    pub(super) control_every: u32,
 }
 
 /// Recordings, one for each number of clips that a step reads, and what recording takes.
@@ -46,46 +47,25 @@ impl Repeated {
     pub(super) fn forget(&mut self) {
         self.sections = Default::default();
     }
-}
 
-impl Critic {
     /// Records the repeated passes, or replays them.
-    pub(super) fn read_and_return(
+    pub(super) fn play(
         &mut self,
         rec: &mut Recorder,
         device: &Device,
-        config: &EmbedConfig,
-        rates: Rates,
+        constants: Constants,
+        mut record: impl FnMut(&mut Recorder) -> Result<(), KernelError>,
     ) -> Result<(), KernelError> {
-        if self.repeated.how == Repetition::RecordedAnew {
-            return self.record_repeated(rec, config, rates);
+        if self.how == Repetition::RecordedAnew {
+            return record(rec);
         }
-        let constants = Constants {
-            recomputes: self.features.recomputes(),
-            training: self.training_in(rates),
-            control: config.control,
-            lambda_msg: config.lambda_msg,
-            lambda_control: config.lambda_control,
-            control_every: config.control_every,
-        };
-        let index = self.pass_index(rates);
-        let known = self.repeated.sections[index].take().filter(|(of, _)| *of == constants);
-        let section = match known {
+        let slot = &mut self.sections[constants.pass];
+        let section = match slot.take().filter(|(of, _)| *of == constants) {
             Some((_, section)) => section,
-            None => device.section(|rec| self.record_repeated(rec, config, rates))?,
+            None => device.section(record)?,
         };
         rec.replay(&section)?;
-        self.repeated.sections[index] = Some((constants, section));
+        *slot = Some((constants, section));
         Ok(())
-    }
-
-    fn record_repeated(&mut self, rec: &mut Recorder, config: &EmbedConfig, rates: Rates) -> Result<(), KernelError> {
-        self.features.read(rec)?;
-        let (training, pass) = (self.training_in(rates), self.pass_index(rates));
-        self.decoder.forward(rec, self.features.features(), &mut self.passes[pass])?;
-        self.message_losses(rec, config, rates)?;
-        let pass = &mut self.passes[pass];
-        self.decoder.backward(rec, pass)?;
-        self.features.backward(rec, &pass.v_features, training)
     }
 }

@@ -1,6 +1,6 @@
 //! Twin of `image/chroma420_apply`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// B P A x of one frame `[H,W,4]`, fourth channel 0; P averages the second and third component over 2×2 quads.
 pub fn apply<R: Real>(x: &[R], [height, width]: [usize; 2], [a, b]: [[[R; 3]; 3]; 2]) -> Vec<R> {

@@ -1,6 +1,6 @@
 //! Twin of `image/colour_map`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// M x of `[n,4]`, fourth channel 0.
 pub fn forward<R: Real>(map: [[R; 3]; 3], x: &[R]) -> Vec<R> {

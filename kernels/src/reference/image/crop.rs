@@ -1,7 +1,7 @@
 //! Twin of `image/crop`.
 
 use crate::image::crop::{Crop, Window};
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// Calls `pair(cell element, clip element, colour)` for every colour of the window that lies in a cell.
 fn each_pair(crop: &Crop, mut pair: impl FnMut(usize, usize, usize)) {

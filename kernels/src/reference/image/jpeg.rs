@@ -1,9 +1,9 @@
 //! Twin of `image/jpeg_fwd`: the standard's cosine sums, in plain loops.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
-/// One frame `[H,W,4]` coded with 64 quantisation steps of luma and 64 of chroma, and how close any coefficient came to a
-/// tie of its rounding, in steps. `[to, back]` are the maps to luma and two chroma and from there.
+/// One frame `[H,W,4]` coded with 64 quantisation steps of luma and 64 of chroma, and how close any coefficient came to
+/// a tie of its rounding, in steps. `[to, back]` are the maps to luma and two chroma and from there.
 pub fn forward(
     x: &[f64],
     [height, width]: [usize; 2],

@@ -1,7 +1,7 @@
 //! Twin of `image/noise`.
 
-use super::{clamp, gate};
-use crate::reference::Real;
+use super::range::{clamp, gate};
+use crate::reference::real::Real;
 
 /// PCG4D, Jarzynski & Olano 2020.
 pub fn pcg4d(v: [u32; 4]) -> [u32; 4] {

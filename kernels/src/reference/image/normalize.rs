@@ -1,6 +1,6 @@
 //! Twin of `image/normalize`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// (x − mean) / std of `[n,4]`, fourth channel 0.
 pub fn forward<R: Real>(mean: [R; 3], std: [R; 3], x: &[R]) -> Vec<R> {

@@ -1,7 +1,7 @@
 //! Twin of `image/quantize_round`.
 
-use super::clamp;
-use crate::reference::Real;
+use super::range::clamp;
+use crate::reference::real::Real;
 
 /// Colours of `[n,4]` rounded to 8 bits, halves up; the fourth channel is copied.
 pub fn forward<R: Real>(x: &[R]) -> Vec<R> {

@@ -1,6 +1,6 @@
 //! Twin of `image/resize_apply`: the dense matrices, straight from `ATen`'s formula.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// `[to, from]` matrix of one axis: antialiased bilinear with `align_corners=True`.
 pub fn matrix<R: Real>(from: usize, to: usize) -> Vec<R> {
@@ -24,7 +24,8 @@ pub fn matrix<R: Real>(from: usize, to: usize) -> Vec<R> {
     matrix
 }
 
-/// `[n, n]` matrix of a Gaussian cut off `radius` from its middle; the signal is mirrored about its first and last entry.
+/// `[n, n]` matrix of a Gaussian cut off `radius` from its middle; the signal is mirrored about its first and last
+/// entry.
 pub fn blur_matrix<R: Real>(n: usize, sigma: f64, radius: usize) -> Vec<R> {
     let weight = |d: i64| (-(d as f64).powi(2) / (2.0 * sigma * sigma)).exp();
     #[allow(clippy::cast_possible_wrap, reason = "axes of test pictures")]
@@ -47,14 +48,14 @@ pub fn blur_matrix<R: Real>(n: usize, sigma: f64, radius: usize) -> Vec<R> {
 
 /// `y [F,h,w,4]` from `x [F,H,W,4]`; sizes are `[height, width]`.
 pub fn forward<R: Real>(x: &[R], from: [usize; 2], to: [usize; 2]) -> Vec<R> {
-    filter(x, from, to, (&matrix::<R>(from[0], to[0]), &matrix::<R>(from[1], to[1])))
+    filter(x, from, to, &matrix::<R>(from[0], to[0]), &matrix::<R>(from[1], to[1]))
 }
 
 /// The same with any `[to, from]` matrix along each axis.
-pub fn filter<R: Real>(x: &[R], from: [usize; 2], to: [usize; 2], (vertical, horizontal): (&[R], &[R])) -> Vec<R> {
+pub fn filter<R: Real>(x: &[R], from: [usize; 2], to: [usize; 2], vertical: &[R], horizontal: &[R]) -> Vec<R> {
     let frames = x.len() / (from[0] * from[1] * 4);
     let mut y = vec![R::of(0.0); frames * to[0] * to[1] * 4];
-    each(frames, from, to, (vertical, horizontal), |source, target, weight| {
+    each(frames, from, to, vertical, horizontal, |source, target, weight| {
         for c in 0..3 {
             y[target * 4 + c] += weight * x[source * 4 + c];
         }
@@ -67,7 +68,7 @@ pub fn backward<R: Real>(v_y: &[R], from: [usize; 2], to: [usize; 2]) -> Vec<R> 
     let (vertical, horizontal) = (matrix::<R>(from[0], to[0]), matrix::<R>(from[1], to[1]));
     let frames = v_y.len() / (to[0] * to[1] * 4);
     let mut v_x = vec![R::of(0.0); frames * from[0] * from[1] * 4];
-    each(frames, from, to, (&vertical, &horizontal), |source, target, weight| {
+    each(frames, from, to, &vertical, &horizontal, |source, target, weight| {
         for c in 0..3 {
             v_x[source * 4 + c] += weight * v_y[target * 4 + c];
         }
@@ -80,7 +81,8 @@ fn each<R: Real>(
     frames: usize,
     from: [usize; 2],
     to: [usize; 2],
-    (vertical, horizontal): (&[R], &[R]),
+    vertical: &[R],
+    horizontal: &[R],
     mut visit: impl FnMut(usize, usize, R),
 ) {
     for target in 0..frames * to[0] * to[1] {

@@ -1,6 +1,6 @@
 //! Twin of `image/warp`, as a sum over what every output pixel reads.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// Where output pixels read, as in the host's `Warp`, with 1 for bilinear reads and 0 for the nearest pixel.
 #[derive(Clone, Copy, Debug)]

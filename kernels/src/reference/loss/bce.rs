@@ -1,7 +1,7 @@
 //! Twin of `loss/bce`.
 
 use crate::loss::bce::Objective;
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 fn softplus<R: Real>(x: R) -> R {
     let one = R::of(1.0);

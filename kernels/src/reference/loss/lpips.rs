@@ -1,7 +1,7 @@
 //! Twin of `loss/lpips_step`.
 
 use crate::loss::lpips::EPS;
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 fn length<R: Real>(x: &[R]) -> R {
     x.iter().map(|v| *v * *v).sum::<R>().sqrt()

@@ -1,10 +1,10 @@
 //! Twin of `loss/offset_penalty_step`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// dc · mean(Δ_dc²) + rest · mean(Δ_rest²) of rows of `row` floats, 3 of them DC and `num_rest` others that count;
 /// and its gradient.
-pub fn step<R: Real>(offsets: &[R], (row, num_rest): (usize, usize), dc: R, rest: R) -> (R, Vec<R>) {
+pub fn step<R: Real>(offsets: &[R], row: usize, num_rest: usize, dc: R, rest: R) -> (R, Vec<R>) {
     let splats = offsets.len() as f64 / row as f64;
     let share = |i: usize| match i % row {
         0..3 => dc / R::of(splats * 3.0),

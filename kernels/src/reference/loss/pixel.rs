@@ -1,6 +1,6 @@
 //! Twin of `loss/pixel_step`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// Mean squared and mean absolute difference over colours of `[n,4]`, and the gradient of their sum with `weights`,
 /// fourth channel 0.

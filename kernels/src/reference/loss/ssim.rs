@@ -1,7 +1,7 @@
 //! Twin of `loss/ssim_*`: SSIM with an 11×11 Gaussian window, σ = 1.5, zero padding, as the paper writes it.
 //! Only in f64 does this form keep its precision for images that are nearly the same.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// The normalised window along one axis.
 fn window<R: Real>() -> Vec<R> {

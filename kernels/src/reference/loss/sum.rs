@@ -1,6 +1,6 @@
 //! Twin of `loss/sum_finish`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// Scaled sum.
 pub fn finish<R: Real>(partial: &[R], scale: R) -> R {

@@ -1,7 +1,7 @@
 //! Twin of `nn/activation`.
 
 use crate::nn::activation::Activation;
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// Slope of the sigmoid in QuickGELU.
 const QUICK: f64 = 1.702;

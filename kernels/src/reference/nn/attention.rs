@@ -1,8 +1,7 @@
 //! Twin of `nn/attention`.
 
-use super::count;
 use crate::nn::attention::{AttentionShape, Mask};
-use crate::reference::Real;
+use crate::reference::real::{Real, count};
 
 /// Queries, keys and values with their strides, all in elements.
 #[derive(Clone, Copy, Debug)]

@@ -1,6 +1,6 @@
 //! Twin of `nn/axpy`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// x + s·δ
 pub fn forward<R: Real>(scale: R, x: &[R], delta: &[R]) -> Vec<R> {

@@ -1,6 +1,6 @@
 //! Twin of `nn/column_sum`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// Sum over rows: `x` `[rows, width]` → `[width]`.
 pub fn forward<R: Real>(x: &[R], width: usize) -> Vec<R> {

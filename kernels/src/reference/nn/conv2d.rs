@@ -1,6 +1,6 @@
 //! Twin of `nn/conv2d`, in `PyTorch`'s weight order `[Co, Ci, taps, taps]`; images are channels-last.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// Sizes of one convolution.
 #[derive(Clone, Copy, Debug)]

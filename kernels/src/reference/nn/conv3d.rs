@@ -1,6 +1,6 @@
 //! Twin of `nn/conv3d_*`, in PyTorch's weight order `[Co, Ci, 3, 3, 3]`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// What lies outside an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! Twin of `nn/embedding`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// `y[r] = table[ids[r]] + position[r mod tokens]`, rows of `width`.
 pub fn gather<R: Real>(ids: &[u32], table: &[R], position: &[R], tokens: usize, width: usize) -> Vec<R> {

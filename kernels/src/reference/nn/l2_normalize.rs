@@ -1,6 +1,6 @@
 //! Twin of `nn/l2_normalize`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 fn norm<R: Real>(row: &[R]) -> R {
     row.iter().map(|v| *v * *v).sum::<R>().sqrt()

@@ -1,7 +1,6 @@
 //! Twin of `nn/layer_norm`.
 
-use super::count;
-use crate::reference::Real;
+use crate::reference::real::{Real, count};
 
 fn moments<R: Real>(row: &[R], eps: R) -> (R, R) {
     let n = count::<R>(row.len());

@@ -2,7 +2,7 @@
 
 use super::activation;
 use crate::nn::activation::Activation;
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// What happens to s = A Wᵀ + bias, as in the wrapper's `Epilogue`.
 #[derive(Clone, Copy, Debug)]

@@ -1,7 +1,7 @@
 //! Twin of `nn/max_pool`.
 
 use crate::nn::max_pool::MaxPool;
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// For every output element the input element that it takes: the first of the largest, or the last NaN.
 fn sources<R: Real>(s: &MaxPool, x: &[R]) -> Vec<usize> {

@@ -15,11 +15,3 @@ pub mod pack;
 pub mod patch_embed;
 pub mod row_mean;
 pub mod transpose;
-
-use super::Real;
-
-/// A size as a number.
-#[allow(clippy::cast_precision_loss, reason = "sizes in tests are far below 2^53")]
-fn count<R: Real>(n: usize) -> R {
-    R::of(n as f64)
-}

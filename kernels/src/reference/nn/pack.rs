@@ -1,7 +1,7 @@
 //! Twin of `nn/pack`.
 
 use crate::nn::pack::{LANES, TEXEL};
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// `w` `[n, k]` as `[n/8][k/4][8 lanes]` vec4, zero-padded.
 pub fn rows<R: Real>(w: &[R], n: usize, k: usize) -> Vec<R> {

@@ -1,7 +1,7 @@
 //! Twin of `nn/patch_embed`.
 
 use crate::nn::patch_embed::PatchShape;
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// Calls `pair(row element, pixel element)` for every colour that [`unfold`] copies.
 fn each_pair(s: PatchShape, mut pair: impl FnMut(usize, usize)) {

@@ -1,7 +1,6 @@
 //! Twin of `nn/row_mean`.
 
-use super::count;
-use crate::reference::Real;
+use crate::reference::real::{Real, count};
 
 /// Mean of every row: `x` `[rows, width]` → `[rows]`.
 pub fn forward<R: Real>(x: &[R], width: usize) -> Vec<R> {

@@ -1,6 +1,6 @@
 //! Twin of `nn/transpose`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// `x` `[rows, cols]` → `[cols, ceil4(rows)]`, zero-padded.
 pub fn copy<R: Real>(x: &[R], rows: usize, cols: usize) -> Vec<R> {

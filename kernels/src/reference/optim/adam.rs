@@ -1,6 +1,6 @@
 //! Twin of `optim/adam_step`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// Hyperparameters of one step; `bias1`, `bias2` are 1 − βᵗ.
 #[derive(Clone, Copy, Debug)]
@@ -27,7 +27,8 @@ pub struct Adam<'a, R> {
     pub rates: Option<(usize, &'a [R])>,
 }
 
-/// One Adam step: Kingma & Ba 2015, Algorithm 1; decoupled decay of Loshchilov & Hutter 2019, Algorithm 2. All slices `[n]`.
+/// One Adam step: Kingma & Ba 2015, Algorithm 1; decoupled decay of Loshchilov & Hutter 2019, Algorithm 2. All slices
+/// `[n]`.
 pub fn step<R: Real>(c: &Adam<'_, R>, param: &mut [R], v_param: &[R], exp_avg: &mut [R], exp_avg_sq: &mut [R]) {
     let one = R::of(1.0);
     for i in 0..param.len() {

@@ -1,7 +1,7 @@
 //! Twin of `splat/dc_colour_fwd` and `splat/dc_colour_bwd`.
 
 use super::sh::{basis, unclamped};
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// Y₀, the same in every direction.
 fn constant<R: Real>() -> R {

@@ -1,6 +1,6 @@
 //! Twin of `splat/deform_apply` and `splat/deform_sh`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// What the rotation head does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! Twin of `splat/hexplane_fwd`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// One plane `[C, height, width]`; the first coordinate of its pair runs along the width.
 #[derive(Clone, Debug)]

@@ -8,4 +8,5 @@ pub mod rasterize;
 pub mod sh;
 pub mod tile_bin;
 pub mod trajectory;
+pub mod traverse;
 pub mod warp;

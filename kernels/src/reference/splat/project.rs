@@ -1,7 +1,7 @@
 //! Twin of `splat/project_fwd`.
 
 use super::deform::normalize;
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// A pinhole camera, `OpenCV` axes.
 #[derive(Clone, Copy, Debug)]

@@ -3,55 +3,9 @@
 use std::collections::HashSet;
 
 use super::project::Projected;
-use super::tile_bin::{TILE, depth_order, pruned_lists};
-use crate::reference::Real;
-
-const MAX_ALPHA: f64 = 0.99;
-const MIN_ALPHA: f64 = 1.0 / 255.0;
-const STOP_TRANSMITTANCE: f64 = 1e-4;
-
-/// A splat meets a pixel that has not stopped.
-#[derive(Clone, Copy, Debug)]
-pub struct Hit<R> {
-    /// Index of the splat.
-    pub splat: usize,
-    /// Row-major index of the pixel.
-    pub pixel: usize,
-    /// `alpha T`, zero where the pixel stops before this splat.
-    pub weight: R,
-}
-
-/// Walks splats front to back over the pixels of their 16 x 16 tiles (Kerbl et al. 2023) and returns
-/// the final transmittance `[H,W]`; `size` is width, height.
-pub fn traverse<R: Real>(splats: &[Option<Projected<R>>], size: [usize; 2], mut visit: impl FnMut(Hit<R>)) -> Vec<R> {
-    let [width, height] = size;
-    let mut transmittance = vec![R::of(1.0); width * height];
-    let mut stopped = vec![false; width * height];
-    for splat in depth_order(splats) {
-        let Some(s) = &splats[splat] else { continue };
-        let [x0, y0, x1, y1] = s.tiles.map(|t| 16 * t);
-        for y in y0..y1.min(height) {
-            for x in x0..x1.min(width) {
-                let pixel = y * width + x;
-                let (dx, dy) = (s.mean2d[0] - R::of(x as f64), s.mean2d[1] - R::of(y as f64));
-                let [a, b, c] = s.conic;
-                let power = R::of(-0.5) * (a * dx * dx + c * dy * dy) - b * dx * dy;
-                let alpha = (s.opacity * power.exp()).min(R::of(MAX_ALPHA));
-                if stopped[pixel] || power > R::of(0.0) || alpha < R::of(MIN_ALPHA) {
-                    continue;
-                }
-                let next = transmittance[pixel] * (R::of(1.0) - alpha);
-                stopped[pixel] = next < R::of(STOP_TRANSMITTANCE);
-                let weight = if stopped[pixel] { R::of(0.0) } else { alpha * transmittance[pixel] };
-                if !stopped[pixel] {
-                    transmittance[pixel] = next;
-                }
-                visit(Hit { splat, pixel, weight });
-            }
-        }
-    }
-    transmittance
-}
+use super::tile_bin::{TILE, pruned_lists};
+use super::traverse::{Hit, traverse};
+use crate::reference::real::Real;
 
 /// As [`traverse`], and where one of the `factors` of the weights is not finite also the terms that vanish otherwise:
 /// in the kernels every splat of a tile's list meets all pixels of the tile, with weight 0 where it is skipped, and 0

@@ -1,6 +1,6 @@
 //! Twin of `splat/sh_fwd` and `splat/sh_bwd`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// Real spherical harmonics in 3DGS order and sign (Kerbl et al. 2023); zero above `degree`.
 #[must_use]

@@ -1,20 +1,11 @@
 //! Twin of `splat/tile_bin_*` and `splat/rasterize_visit`: lists by definition, pixel by pixel.
 
 use super::project::Projected;
-use super::rasterize::{Hit, traverse};
-use crate::reference::Real;
+use super::traverse::{Hit, traverse};
+use crate::reference::real::Real;
 
 /// Side of a tile in px.
 pub const TILE: usize = 8;
-
-/// Splats in the order they are blended: by depth, ties by index.
-#[must_use]
-pub fn depth_order<R: Real>(splats: &[Option<Projected<R>>]) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..splats.len()).filter(|&i| splats[i].is_some()).collect();
-    let depth = |i: usize| splats[i].as_ref().map_or(R::of(0.0), |s| s.depth);
-    order.sort_by(|&a, &b| depth(a).partial_cmp(&depth(b)).unwrap_or(std::cmp::Ordering::Equal));
-    order
-}
 
 /// For each tile the splats, front to back, that reach a pixel of it which has not stopped.
 #[must_use]

@@ -1,6 +1,6 @@
 //! Twin of `splat/trajectory_fwd`.
 
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 /// Floats of a path.
 const PATH_FLOATS: usize = 16;

@@ -1,7 +1,7 @@
 //! Twin of `splat/warp_apply`.
 
 use super::deform::{Splats, normalize};
-use crate::reference::Real;
+use crate::reference::real::Real;
 
 const COLUMNS: usize = 16;
 const LEAST_ANGLE: f64 = 1e-20;

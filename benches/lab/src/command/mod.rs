@@ -1,0 +1,10 @@
+//! `guard4d lab`: the commands of the lab, their flags, and what they need of the program around them.
+
+mod dump;
+mod host;
+mod pretrain;
+mod root;
+mod study;
+
+pub use host::Host;
+pub use root::{LabArgs, run};

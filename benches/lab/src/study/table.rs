@@ -1,0 +1,33 @@
+//! Tables of words.
+
+use maud::{Markup, Render, html};
+use serde::Serialize;
+
+/// A table of words.
+#[derive(Clone, Debug, Serialize)]
+pub struct Table {
+    /// Heading.
+    pub title: String,
+    /// What its columns mean.
+    pub note: String,
+    /// Names of the columns.
+    pub head: Vec<String>,
+    /// Cells, line by line.
+    pub rows: Vec<Vec<String>>,
+}
+
+/// As part of a page.
+impl Render for Table {
+    fn render(&self) -> Markup {
+        html! {
+            h2 { (self.title) }
+            p { (self.note) }
+            table {
+                tr { @for name in &self.head { th { (name) } } }
+                @for row in &self.rows {
+                    tr { @for cell in row { td { (cell) } } }
+                }
+            }
+        }
+    }
+}

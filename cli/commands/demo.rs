@@ -1,0 +1,251 @@
+//! `guard4d demo`: the whole way on the embedded scene, with nothing to download.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::Args;
+use guard4d_engine::base::output::{AtomicDir, Existing};
+use guard4d_engine::base::prf::MasterSecret;
+use guard4d_engine::detect::report::VerifyReport;
+use guard4d_engine::detect::sought::Sought;
+use guard4d_engine::detect::suspect::Suspect;
+use guard4d_engine::detect::verify::{VerifyInputs, VerifyRequest};
+use guard4d_engine::error::EngineError;
+use guard4d_engine::evidence::extractor_mode::ExtractorMode;
+use guard4d_engine::media::Frame;
+use guard4d_engine::media::encode::{EncodeOptions, write_video};
+use guard4d_engine::media::png::write_png_folder;
+use guard4d_engine::networks::clip::ClipSource;
+use guard4d_engine::release::delivery::{self, Delivery, MARKED, PRIVATE, RECEIPT};
+use guard4d_engine::release::evaluate::{Evaluation, HeldOut, mean_accuracy, read_clips};
+use guard4d_engine::render::render_frames;
+use guard4d_engine::scene::demo::DemoScene;
+use guard4d_engine::scene::{CameraSet, Model};
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, Subject};
+use guard4d_engine::watermark::extractor::reader::Reader;
+use guard4d_engine::watermark::key::owner_key::Key;
+use serde::Serialize;
+
+use super::embed::training::train;
+use crate::flags::common::Common;
+use crate::flags::overwrite::Overwrite;
+use crate::flags::size::parse_size;
+use crate::shared::device;
+use crate::shared::media::{ffmpeg, read_options};
+use crate::ui::outcome::Outcome;
+use crate::ui::progress::ObserverBar;
+use crate::ui::report::{cost_rows, evidence_in_words, note, percent, print, reading_rows, table};
+use crate::ui::{stop, verification};
+
+/// Where the demonstration goes.
+#[derive(Args, Debug)]
+pub(crate) struct DemoArgs {
+    /// Folder for frames, videos, key and receipt
+    #[arg(long, value_name = "DIR", default_value = "guard4d-demo")]
+    out: PathBuf,
+    /// Seed of cameras and noise
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    #[command(flatten)]
+    overwrite: Overwrite,
+    #[command(flatten)]
+    short: ShortDemoArgs,
+}
+
+/// For a demonstration that proves nothing but ends soon, as tests need it; `--help` does not show them.
+#[derive(Args, Debug)]
+struct ShortDemoArgs {
+    /// Training steps
+    #[arg(long, hide = true)]
+    steps: Option<u32>,
+    /// Training clips
+    #[arg(long, hide = true)]
+    train_clips: Option<u32>,
+    /// Random offset fields that the calibration is fitted to
+    #[arg(long, hide = true)]
+    probes: Option<u32>,
+    /// Rotations of the key that are tried
+    #[arg(long, hide = true)]
+    rotations: Option<u32>,
+    /// Picture size WIDTHxHEIGHT
+    #[arg(long, hide = true, value_parser = parse_size)]
+    size: Option<(u32, u32)>,
+    /// Film this many of the frames that training never saw instead of all
+    #[arg(long, hide = true)]
+    frames: Option<usize>,
+    /// Owner key instead of a fresh one
+    #[arg(long, hide = true)]
+    key: Option<PathBuf>,
+    /// Wrong key instead of a fresh one
+    #[arg(long, hide = true)]
+    wrong_key: Option<PathBuf>,
+}
+
+/// Width and height of its pictures in pixels: small ones, so that it ends soon.
+const SIZE_PX: (u32, u32) = (200, 200);
+/// Message bits of the demonstration.
+const BITS: u32 = 16;
+
+/// How receipts name the embedded scene; the folder that it is unpacked to has no name of its own.
+const INPUT: &str = "demo-scene";
+/// The marked film, which is verified.
+const VIDEO: &str = "marked.mp4";
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Printed<'a> {
+    #[serde(flatten)]
+    evaluation: &'a Evaluation,
+    evidence: &'static str,
+    wrong_key: WrongKey,
+    seconds: &'a BTreeMap<String, f64>,
+    /// Most device memory taken from the driver at one time.
+    peak_memory_bytes: u64,
+    verification: &'a VerifyReport,
+}
+
+/// Shares of bits right when the marked clips are read with another key and the owner's extractor.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct WrongKey {
+    /// Of the other key's own message: chance, unless any key fires on any clip.
+    own_message: f64,
+    /// Of the owner's message. The extractor knows where in CLIP's space each bit lies, so this is what it gives away.
+    owners_message: f64,
+}
+
+/// The delivery's worth on held-out frames, and those frames: one list per clip.
+struct Rendered {
+    evaluation: Evaluation,
+    marked: Vec<Vec<Frame>>,
+    clean: Vec<Vec<Frame>>,
+}
+
+pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineError> {
+    stop::listen(common);
+    let out = AtomicDir::create(&args.out, args.overwrite.existing())?;
+    let device = device::open(common)?;
+    note(common, &format!("device: {}", device.info().name));
+    let clip = device::load_clip(&device, &ClipSource::Mini, common)?;
+    let scene = DemoScene::unpack()?;
+    let model = Model::open(scene.path())?;
+    let config = config(args);
+    let mut seconds = BTreeMap::new();
+    let key = |path: Option<&Path>| match path {
+        Some(path) => Key::read(path, &clip),
+        None => Ok(Key::generate(&device, &clip, MasterSecret::generate()?, BITS)?.0),
+    };
+
+    note(common, "1/4 key: a bit-to-token table and a message decoder, from a fresh master secret");
+    let owner = timed(&mut seconds, "key", || key(args.short.key.as_deref()))?;
+    owner.write(&out.path().join("owner.key"), Existing::Refuse)?;
+
+    note(common, "2/4 embed: small colour offsets on the splats");
+    let message = owner.own_message();
+    let subject = Subject { device: &device, clip: &clip, key: &owner, model: &model, message: &message };
+    stop::check()?;
+    let embedding = Embedding::prepare(subject, config.clone())?;
+    let embedded = train(embedding, common, None)?;
+    seconds.extend(embedded.seconds.clone());
+
+    note(common, "3/4 render: 8-bit frames of views and times that training never saw");
+    let mut cameras = scene.cameras(config.views.size_px)?;
+    cameras.views.truncate(args.short.frames.unwrap_or(usize::MAX));
+    let delivery = Delivery { subject, config: &config, embedded: &embedded, input: Path::new(INPUT), payload: None };
+    let rendered = timed(&mut seconds, "render", || render(&delivery, &cameras, out.path()))?;
+
+    stop::check()?;
+    note(common, "4/4 verify: from the video alone");
+    let receipt = out.path().join(PRIVATE).join(RECEIPT);
+    let sought = Some(Sought::Message(message));
+    let request =
+        VerifyRequest { device: &device, clip: &clip, key: &owner, sought, receipt: &receipt, pretrained: None };
+    let suspects = vec![Suspect::Video(out.path().join(VIDEO))];
+    let inputs = VerifyInputs { suspects, clean: rendered.clean, ..VerifyInputs::default() };
+    let bar = &mut ObserverBar::new(common);
+    let verification = timed(&mut seconds, "verify", || request.verify_observed(&inputs, &read_options(), bar))?;
+
+    stop::check()?;
+    let wrong_key = timed(&mut seconds, "wrong key", || {
+        let other = key(args.short.wrong_key.as_deref())?;
+        read_with(&other, subject, &embedded, &rendered.marked)
+    })?;
+    // What was made is kept, whatever becomes of the text about it.
+    out.commit()?;
+    let evaluation = &rendered.evaluation;
+    let evidence = evidence_in_words(evaluation.mode, evaluation.key_rotation.of > 1);
+    let (seconds, verification, peak_memory_bytes) = (&seconds, &verification, device.memory_use().peak_reserved_bytes);
+    let result = Printed { evaluation, evidence, wrong_key, seconds, peak_memory_bytes, verification };
+    print(common, &result, human)?;
+    note(common, &format!("\nframes, videos, key and receipt are in {}", args.out.display()));
+    Ok(Outcome::Judged(verification.evidence.verdict))
+}
+
+/// The demonstration's settings with what flags change.
+fn config(args: &DemoArgs) -> EmbedConfig {
+    let short = &args.short;
+    let config = EmbedConfig::new(Profile::Draft, ExtractorMode::Blind).with(|config| {
+        config.seed = args.seed;
+        config.optimiser.steps = short.steps.map_or(config.optimiser.steps, |steps| steps as usize);
+        config.views.clips = short.train_clips.unwrap_or(config.views.clips);
+        config.views.size_px = short.size.unwrap_or(SIZE_PX);
+    });
+    let probes = short.probes.map_or(config.extractor.probes(), |probes| probes as usize);
+    let rotations = short.rotations.unwrap_or(config.extractor.rotations());
+    config.with_probes(probes).with_rotations(rotations)
+}
+
+/// Runs one stage and notes how long it took.
+fn timed<T>(
+    seconds: &mut BTreeMap<String, f64>,
+    stage: &str,
+    work: impl FnOnce() -> Result<T, EngineError>,
+) -> Result<T, EngineError> {
+    let started = Instant::now();
+    let done = work()?;
+    seconds.insert(stage.to_owned(), started.elapsed().as_secs_f64());
+    Ok(done)
+}
+
+/// Writes the marked model into `out`, and films it as it was written, beside the original.
+fn render(delivery: &Delivery<'_>, cameras: &CameraSet, out: &Path) -> Result<Rendered, EngineError> {
+    let (evaluation, HeldOut { clean, .. }) = delivery::write(out, delivery, cameras)?;
+    stop::check()?;
+    let marked = render_frames(delivery.subject.device, &Model::open(&out.join(MARKED))?, cameras)?;
+    for (name, video, clips) in [("marked-frames", VIDEO, &marked), ("clean-frames", "clean.mp4", &clean)] {
+        let frames = clips.concat();
+        write_png_folder(&out.join(name), &frames)?;
+        let options = EncodeOptions { ffmpeg: ffmpeg(), ..EncodeOptions::default() };
+        write_video(&out.join(video), &frames, &options)?;
+    }
+    Ok(Rendered { evaluation, marked, clean })
+}
+
+/// What someone with another key reads from the marked clips when the owner's extractor is lent to them.
+fn read_with(
+    other: &Key,
+    subject: Subject<'_>,
+    embedded: &Embedded,
+    marked: &[Vec<Frame>],
+) -> Result<WrongKey, EngineError> {
+    let mut reader = Reader::new(subject.device, subject.clip, other, &embedded.extractor)?;
+    let readings = read_clips(&mut reader, marked, other.bits())?;
+    Ok(WrongKey {
+        own_message: mean_accuracy(&readings, &other.own_message())?,
+        owners_message: mean_accuracy(&readings, subject.message)?,
+    })
+}
+
+fn human(result: &Printed<'_>) -> String {
+    let wrong = result.wrong_key;
+    let lent = "with private/extractor.safetensors in hand: keep private/ to yourself";
+    let rows = [
+        reading_rows(result.evaluation),
+        vec![
+            ("wrong key, its own message (50 % is chance)", percent(wrong.own_message)),
+            ("wrong key, the owner's message", format!("{} {lent}", percent(wrong.owners_message))),
+        ],
+        cost_rows(result.evaluation, result.seconds, result.peak_memory_bytes),
+    ];
+    format!("{}\n\nreading {VIDEO}:\n{}", table(&rows.concat()), verification::human(result.verification))
+}

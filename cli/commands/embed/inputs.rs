@@ -1,0 +1,82 @@
+//! What the command line of `embed` names, opened and checked.
+
+use std::path::Path;
+
+use guard4d_engine::device::Device;
+use guard4d_engine::error::EngineError;
+use guard4d_engine::evidence::id_code::IdBits;
+use guard4d_engine::evidence::message::Message;
+use guard4d_engine::evidence::payload::Payload;
+use guard4d_engine::networks::clip::{ClipModel, ClipSource};
+use guard4d_engine::release::gate::Gate;
+use guard4d_engine::scene::{CameraSet, Model};
+use guard4d_engine::watermark::embed::{EmbedConfig, Subject};
+use guard4d_engine::watermark::key::owner_key::Key;
+
+use super::args::What;
+use super::job::{Fit, GateSettings};
+use super::settings::Settings;
+use crate::flags::common::Common;
+use crate::shared::views::evaluation_cameras;
+use crate::shared::{device, model};
+
+/// Everything that work begins with.
+pub(super) struct Inputs {
+    pub(super) device: Device,
+    pub(super) clip: ClipModel,
+    pub(super) key: Key,
+    pub(super) model: Model,
+    pub(super) message: Message,
+    pub(super) payload: Option<IdBits>,
+    pub(super) cameras: CameraSet,
+    pub(super) config: EmbedConfig,
+    pub(super) gate: Gate,
+}
+
+impl Inputs {
+    pub(super) fn open(
+        path: &Path,
+        key: &Path,
+        what: &What,
+        settings: Settings,
+        common: &Common,
+    ) -> Result<Self, EngineError> {
+        let device = device::open(common)?;
+        let clip = device::load_clip(&device, &ClipSource::from_argument(&what.clip), common)?;
+        let key = Key::read(key, &clip)?;
+        let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
+        let payload = Payload::parse(&what.message, bits)?;
+        let Settings { mut config, job } = settings;
+        config.open_weights()?;
+        let searched = payload.id_bits().map_or(1, IdBits::num_ids).saturating_mul(config.extractor.rotations());
+        let gate = gate(&job.gate, key.bits(), searched)?;
+        let config = match job.run.fit {
+            Fit::Auto => config.adaptive(gate.aim(), key.bits()),
+            Fit::Full => config,
+        };
+        let open = if job.run.lossy { model::open_lossy } else { model::open };
+        let model = open(path, common)?;
+        // Files that cannot be written in place are refused before the work, not after it.
+        model.check_writable()?;
+        let message = payload.message(&key.prf())?;
+        let look_at = config.views.look_at(&model);
+        let config = config.with(|config| config.views = config.views.clone().looking_at(look_at));
+        let (payload, cameras) = (payload.id_bits(), evaluation_cameras(&job.evaluation, &config.views, &model)?);
+        Ok(Self { device, clip, key, model, message, payload, cameras, config, gate })
+    }
+
+    pub(super) fn subject(&self) -> Subject<'_> {
+        let Self { device, clip, key, model, message, .. } = self;
+        Subject { device, clip, key, model, message }
+    }
+}
+
+/// What is asked of the result, or what a message of its length needs that is one of so many claims.
+fn gate(asked: &GateSettings, bits: usize, searched: u32) -> Result<Gate, EngineError> {
+    let mut gate = Gate { min_psnr_db: asked.min_psnr, ..Gate::after_search(bits, searched) };
+    if let Some(share) = asked.min_accuracy {
+        (gate.min_proven, gate.min_accuracy) = (0.0, Some(share));
+    }
+    gate.validate()?;
+    Ok(gate)
+}

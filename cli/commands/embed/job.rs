@@ -1,0 +1,168 @@
+//! Settings of a run that change no mark: what is asked of the result, and where it is measured.
+
+use std::fmt;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::{ArgAction, Args};
+use guard4d_engine::error::EngineError;
+use serde::{Deserialize, Serialize};
+
+use crate::flags::size::parse_size;
+
+/// Settings of a run, beside those of the mark.
+#[derive(Args, Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct JobSettings {
+    /// How it runs.
+    #[command(flatten)]
+    pub(crate) run: RunSettings,
+    /// What is asked of the result.
+    #[command(flatten)]
+    pub(crate) gate: GateSettings,
+    /// Where the result is measured.
+    #[command(flatten)]
+    pub(crate) evaluation: EvaluationSettings,
+}
+
+/// How much of the settings is taken, and what is written meanwhile.
+#[derive(Args, Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[command(next_help_heading = "Run")]
+pub(crate) struct RunSettings {
+    /// Whether to do no more than the scene needs: `full` or `auto`
+    ///
+    /// `full` takes all steps on everything: the strongest mark. `auto` begins with the splats that carry most of the
+    /// light and half of the views; it takes all when clips that training never sees show no more progress. It stops
+    /// when each of them proves the message alone, by a margin, or when they show no progress then either. The
+    /// extractor stays what it is: `joint` gives no exact p-value, and is never chosen for you.
+    #[arg(long, value_name = "WHEN", hide = true)]
+    pub(crate) fit: Fit,
+    /// Write a marked SPZ as SPZ, whose colours are rounded, instead of as PLY; what is judged is the mark that is left
+    #[arg(long, action = ArgAction::Set, num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    #[arg(value_name = "BOOL", hide = true)]
+    pub(crate) lossy: bool,
+    /// Write a checkpoint this often, in seconds
+    #[arg(long = "checkpoint-every", value_name = "SECONDS", hide = true)]
+    pub(crate) checkpoint_every_s: u64,
+}
+
+impl Default for RunSettings {
+    fn default() -> Self {
+        Self { fit: Fit::Full, lossy: false, checkpoint_every_s: 60 }
+    }
+}
+
+/// How much is trained.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Fit {
+    /// No more than the scene needs.
+    Auto,
+    /// All steps.
+    Full,
+}
+
+impl FromStr for Fit {
+    type Err = EngineError;
+
+    fn from_str(text: &str) -> Result<Self, EngineError> {
+        match text {
+            "auto" => Ok(Self::Auto),
+            "full" => Ok(Self::Full),
+            _ => Err(EngineError::Usage {
+                what: "fit".to_owned(),
+                got: text.to_owned(),
+                expected: "auto or full".to_owned(),
+            }),
+        }
+    }
+}
+
+impl fmt::Display for Fit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
+    }
+}
+
+/// Least quality of the result; what falls short is told, and the exit code is 1.
+#[derive(Args, Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[command(next_help_heading = "Run")]
+pub(crate) struct GateSettings {
+    /// Least share of bits right on unseen clips, 0 to 1; by default half of these clips must each prove the message
+    /// alone instead
+    #[arg(long, value_name = "SHARE", hide = true)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) min_accuracy: Option<f64>,
+    /// Least PSNR of whole unseen frames in dB; by default none
+    #[arg(long, value_name = "DB", hide = true)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) min_psnr: Option<f64>,
+}
+
+/// Views that the result is measured in. Training has its own.
+#[derive(Args, Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[command(next_help_heading = "Quality")]
+pub(crate) struct EvaluationSettings {
+    /// Measure the result in the views of this camera file or folder; its content tells which kind
+    ///
+    /// Known are transforms JSON (D-NeRF, Blender, nerfstudio), cameras.json (INRIA), camera_path.json (nerfstudio), a
+    /// COLMAP folder (text or binary; itself or with sparse/0) or a Nerfies/HyperNeRF folder.
+    #[arg(long, value_name = "PATH", conflicts_with = "orbit")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) cameras: Option<PathBuf>,
+    /// Measure the result in this many views on a circle instead [default: 6]
+    #[arg(long, value_name = "VIEWS")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) orbit: Option<u32>,
+    /// Elevation of the circle in degrees above the horizon
+    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, hide = true)]
+    pub(crate) elevation: f32,
+    /// Frames per view of the circle, and of cameras without times, spread over the whole motion
+    #[arg(long, value_name = "N", hide = true)]
+    pub(crate) frames: u32,
+    /// Film this many frames on a smooth flight through --cameras, while time runs from 0 to 1
+    #[arg(long, value_name = "FRAMES", hide = true)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) interpolate: Option<u32>,
+    /// Let the flight come back to its first camera
+    #[arg(long, action = ArgAction::Set, num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    #[arg(value_name = "BOOL", hide = true)]
+    pub(crate) closed: bool,
+    /// Scale what --cameras shows to this size; --size on the command line does so, too. A circle is filmed in the size
+    /// of the training views
+    #[arg(long = "evaluation-size", value_name = "WIDTHxHEIGHT", value_parser = parse_size, hide = true)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) frame_px: Option<(u32, u32)>,
+}
+
+impl Default for EvaluationSettings {
+    fn default() -> Self {
+        Self {
+            cameras: None,
+            orbit: None,
+            elevation: 30.0,
+            frames: 8,
+            interpolate: None,
+            closed: false,
+            frame_px: None,
+        }
+    }
+}
+
+impl EvaluationSettings {
+    /// Refuses what needs what is not there.
+    pub(crate) fn validate(&self) -> Result<(), EngineError> {
+        let lacks = |what: &str, needs: &str| {
+            let (got, expected) = (format!("no {needs}"), format!("{needs} beside it"));
+            Err(EngineError::Usage { what: what.to_owned(), got, expected })
+        };
+        match self {
+            Self { interpolate: Some(_), cameras: None, .. } => lacks("interpolate", "cameras"),
+            Self { closed: true, interpolate: None, .. } => lacks("closed", "interpolate"),
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,16 @@
+//! The commands: of each, its arguments and what it does.
+
+pub(crate) mod attack;
+pub(crate) mod completions;
+pub(crate) mod convert;
+pub(crate) mod demo;
+pub(crate) mod devices;
+pub(crate) mod embed;
+pub(crate) mod inspect;
+pub(crate) mod keygen;
+pub(crate) mod lab;
+pub(crate) mod man;
+pub(crate) mod reference;
+pub(crate) mod render;
+pub(crate) mod undo;
+pub(crate) mod verify;

@@ -1,0 +1,50 @@
+//! `guard4d render`
+
+use std::path::PathBuf;
+
+use clap::Args;
+use guard4d_engine::error::EngineError;
+use guard4d_engine::media::Frame;
+use guard4d_engine::render::SceneRenderer;
+
+use crate::flags::common::Common;
+use crate::flags::film::FilmArgs;
+use crate::flags::views::EvaluationViews;
+use crate::shared::views::cameras;
+use crate::shared::{device, film, model};
+use crate::ui::outcome::Outcome;
+use crate::ui::progress::bar;
+use crate::ui::stop;
+
+/// What is filmed, from where, and what with.
+#[derive(Args, Debug)]
+pub(crate) struct RenderArgs {
+    /// Model, as `inspect` can read it: a folder, or a file of splats
+    model: PathBuf,
+    #[command(flatten)]
+    views: EvaluationViews,
+    #[command(flatten)]
+    film: FilmArgs,
+}
+
+pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<Outcome, EngineError> {
+    stop::listen(common);
+    let device = device::open(common)?;
+    let model = model::open(&args.model, common)?;
+    let cameras = cameras(&args.views, &model)?;
+    let size = cameras.views.first().map_or(args.views.size(), |view| (view.camera.width, view.camera.height));
+    let clips = cameras.clips();
+    let total: usize = clips.iter().map(Vec::len).sum();
+    let progress = bar(common, total as u64);
+    let mut renderer = SceneRenderer::new(&device, &model.gaussians, &model.motion, model.background)?;
+    let shoot = |each: &mut dyn FnMut(Frame) -> Result<(), EngineError>| {
+        renderer.render_clips(&clips, |_, camera, pixels| {
+            stop::check()?;
+            progress.inc(1);
+            each(Frame::from_rgba32f(camera.width, camera.height, pixels)?)
+        })
+    };
+    film::write(&args.film, size, shoot)?;
+    progress.finish_and_clear();
+    Ok(Outcome::Done)
+}

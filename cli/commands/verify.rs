@@ -1,0 +1,103 @@
+//! `guard4d verify`
+
+use std::path::PathBuf;
+
+use clap::Args;
+use guard4d_engine::detect::controls::OtherKey;
+use guard4d_engine::detect::sought::Sought;
+use guard4d_engine::detect::verify::{VerifyInputs, VerifyRequest};
+use guard4d_engine::error::EngineError;
+use guard4d_engine::media::ReadOptions;
+use guard4d_engine::networks::clip::ClipSource;
+use guard4d_engine::render::render_frames;
+use guard4d_engine::scene::Model;
+use guard4d_engine::watermark::extractor::pretrained::PretrainedExtractor;
+use guard4d_engine::watermark::key::owner_key::Key;
+
+use crate::flags::common::Common;
+use crate::flags::frames::{FrameArgs, FramingArgs};
+use crate::flags::views::EvaluationViews;
+use crate::shared::media::read_some;
+use crate::shared::views::cameras;
+use crate::shared::{device, suspects};
+use crate::ui::outcome::Outcome;
+use crate::ui::progress::ObserverBar;
+use crate::ui::report::print;
+use crate::ui::stop;
+use crate::ui::verification::human;
+
+/// What is suspected, by whom, and what it is compared with.
+#[derive(Args, Debug)]
+pub(crate) struct VerifyArgs {
+    /// Videos, folders of PNG, JPEG or OpenEXR frames, or models; their content tells which
+    ///
+    /// All of them are read as one. Too few frames in all, such as a single one, end inconclusive. A model is rendered
+    /// to 8-bit frames and read as a film of these.
+    #[arg(required = true, value_name = "SUSPECT")]
+    suspects: Vec<PathBuf>,
+    /// Owner key
+    #[arg(long, value_name = "FILE")]
+    key: PathBuf,
+    /// Receipt of the embedding; its folder holds the extractor
+    #[arg(long, value_name = "FILE")]
+    receipt: PathBuf,
+    /// The message claimed, as it was given to `embed` [default: what the receipt says]
+    ///
+    /// id:12 or id:16 reads whichever number is there, and so does the default where the receipt is for a number; else
+    /// it is the key's own message. A number that is read and not claimed could have been any, and its p-value is
+    /// multiplied by how many there are.
+    #[arg(long)]
+    message: Option<String>,
+    /// CLIP checkpoint that the key was made with: `mini` or a folder
+    #[arg(long, default_value = "mini")]
+    clip: String,
+    /// Pretrained extractor that `embed` was given, if it was not the built-in one
+    #[arg(long, value_name = "FILE")]
+    pretrained: Option<PathBuf>,
+    /// The unmarked model, when the owner has it: its clean render is a control
+    ///
+    /// Suspect models are then filmed as it is: around the same point, over the same background.
+    #[arg(long, value_name = "MODEL", help_heading = "Controls")]
+    original: Option<PathBuf>,
+    /// A clip that surely carries no mark, as a further control
+    #[arg(long, value_name = "CLIP", help_heading = "Controls")]
+    unrelated: Vec<PathBuf>,
+    /// Key of somebody else, as long as the owner's: it must not find its own message
+    #[arg(long, value_name = "FILE", help_heading = "Controls")]
+    other_key: Vec<PathBuf>,
+    #[command(flatten)]
+    frames: FrameArgs,
+    #[command(flatten)]
+    framing: FramingArgs,
+    #[command(flatten)]
+    views: EvaluationViews,
+}
+
+pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineError> {
+    stop::listen(common);
+    let device = device::open(common)?;
+    let clip = device::load_clip(&device, &ClipSource::from_argument(&args.clip), common)?;
+    let key = Key::read(&args.key, &clip)?;
+    let sought = args.message.as_ref().map(|text| Sought::parse(text, &key)).transpose()?;
+    let other_key = |path: &PathBuf| Ok(OtherKey { name: path.display().to_string(), key: Key::read(path, &clip)? });
+    let other_keys = args.other_key.iter().map(other_key).collect::<Result<_, EngineError>>()?;
+    let pretrained = args.pretrained.as_deref().map(PretrainedExtractor::read).transpose()?;
+    let original = args.original.as_deref().map(Model::open).transpose()?;
+    let clean = match &original {
+        Some(model) => render_frames(&device, model, &cameras(&args.views, model)?)?,
+        None => Vec::new(),
+    };
+    let inputs = VerifyInputs {
+        suspects: suspects::open(&args.suspects, &args.views, original.as_ref(), common)?,
+        guesses: args.framing.guesses(),
+        unrelated: args.unrelated.clone(),
+        clean,
+        other_keys,
+    };
+    let (receipt, pretrained) = (&args.receipt, pretrained.as_ref());
+    let request = VerifyRequest { device: &device, clip: &clip, key: &key, sought, receipt, pretrained };
+    let options = ReadOptions { framing: args.framing.framing(), ..read_some(&args.frames) };
+    let report = request.verify_observed(&inputs, &options, &mut ObserverBar::new(common))?;
+    print(common, &report, human)?;
+    Ok(Outcome::Judged(report.evidence.verdict))
+}

@@ -1,0 +1,22 @@
+//! Flags of every command.
+
+use clap::Args;
+
+use super::device::DeviceFlags;
+
+/// Flags of every command.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Output")]
+pub(crate) struct Common {
+    /// Print results as JSON on stdout
+    #[arg(long, global = true)]
+    pub(crate) json: bool,
+    /// More talk on stderr; twice for every dispatch
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub(crate) verbose: u8,
+    /// No progress bar and no notes on stderr
+    #[arg(short, long, global = true)]
+    pub(crate) quiet: bool,
+    #[command(flatten)]
+    pub(crate) device: DeviceFlags,
+}

@@ -1,0 +1,29 @@
+//! Opening the device that a command runs on, and CLIP on it.
+
+use guard4d_engine::device::{Device, DeviceOptions, DeviceSelect};
+use guard4d_engine::error::EngineError;
+use guard4d_engine::networks::clip::{ClipModel, ClipSource};
+
+use crate::flags::common::Common;
+use crate::flags::device::DeviceFlags;
+
+/// Opens the device that `--device` or, for `auto`, a scheduler names, with the memory budget that was given.
+pub(crate) fn open(common: &Common) -> Result<Device, EngineError> {
+    let flags = &common.device;
+    let options = DeviceOptions { kernels: flags.kernels, ..DeviceOptions::default() };
+    let device = Device::open_with(&select(flags), options)?;
+    if let Some(budget) = flags.vram_budget {
+        device.limit_memory(budget.as_u64());
+    }
+    Ok(device)
+}
+
+/// Loads a checkpoint in the precision that was asked for.
+pub(crate) fn load_clip(device: &Device, source: &ClipSource, common: &Common) -> Result<ClipModel, EngineError> {
+    Ok(ClipModel::load(device, source)?.in_precision(common.device.precision))
+}
+
+/// The one that `--device` or, for `auto`, a scheduler names.
+pub(crate) fn select(flags: &DeviceFlags) -> DeviceSelect {
+    flags.device.clone().or_assigned(|variable| std::env::var(variable).ok())
+}

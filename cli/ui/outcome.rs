@@ -1,0 +1,39 @@
+//! How a command ended without an error.
+
+use guard4d_engine::evidence::judgement::Verdict;
+
+/// Exit code when `embed` did what it was asked to, and the result is not good enough.
+const GATE_MISSED: u8 = 1;
+
+/// Shown below `--help`. [`Outcome::exit_code`], `Verdict::exit_code` and `EngineError::exit_code` give these numbers.
+pub(crate) const EXIT_CODES: &str = "Exit codes:
+  0   done; verify, demo: the mark is present
+  1   verify, demo: absent; embed: the quality gate was missed (the receipt has the numbers)
+  2   wrong usage
+  4   verify, demo: inconclusive
+  65  an input's content is wrong          66  an input is missing
+  69  no suitable device or program, or    70  internal error
+      too little device memory or budget
+  73  an output cannot be created          74  reading or writing failed
+  75  interrupted; embed left a checkpoint 76  the device was lost";
+
+/// How a command ended without an error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Outcome {
+    /// Done.
+    Done,
+    /// `embed`: the quality gate was missed.
+    GateMissed,
+    /// `verify` and `demo`: this is the answer.
+    Judged(Verdict),
+}
+
+impl Outcome {
+    pub(crate) const fn exit_code(self) -> u8 {
+        match self {
+            Self::Done => 0,
+            Self::GateMissed => GATE_MISSED,
+            Self::Judged(verdict) => verdict.exit_code(),
+        }
+    }
+}

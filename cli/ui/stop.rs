@@ -1,0 +1,34 @@
+//! Ctrl-C and SIGTERM: long commands look between two pieces of work whether to stop.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use guard4d_engine::error::EngineError;
+
+use super::report::say;
+use crate::flags::common::Common;
+
+static REQUESTED: AtomicBool = AtomicBool::new(false);
+
+/// From now on a signal is a request instead of the end.
+pub(crate) fn listen(common: &Common) {
+    let quiet = common.quiet;
+    let handler = move || {
+        if !REQUESTED.swap(true, Ordering::SeqCst) && !quiet {
+            say("stopping after the work at hand");
+        }
+    };
+    if let Err(error) = ctrlc::set_handler(handler) {
+        // Without it a signal ends the program at once, as it does other programs.
+        tracing::warn!("signals: {error}");
+    }
+}
+
+/// Whether a signal came.
+pub(crate) fn is_requested() -> bool {
+    REQUESTED.load(Ordering::SeqCst)
+}
+
+/// An error when a signal came, for work that has nothing to save.
+pub(crate) fn check() -> Result<(), EngineError> {
+    if is_requested() { Err(EngineError::Stopped) } else { Ok(()) }
+}

@@ -1,0 +1,137 @@
+//! A verification's report, for people.
+
+use guard4d_engine::detect::report::{ClipReading, IdEvidence, Undone, VerifyReport};
+use guard4d_engine::evidence::id_code::{IdBits, SearchedP};
+use guard4d_engine::evidence::judgement::PStatement;
+use guard4d_engine::evidence::other_keys::OtherKeysResult;
+use guard4d_engine::media::framing::Rect;
+use guard4d_engine::picture::undo_guess::UndoGuess;
+
+use super::report::{Row, evidence_in_words, percent, table};
+
+/// All of it as a table.
+pub(crate) fn human(report: &VerifyReport) -> String {
+    let e = &report.evidence;
+    let p = p_in_words(&e.p_value);
+    let mut rows = vec![
+        ("verdict", format!("{:?}", e.verdict).to_uppercase()),
+        ("bits", format!("{} of {} match ({} frames)", e.matches, e.num_bits, report.frames)),
+        ("bit accuracy", format!("{}, recovered exactly: {}", percent(e.bit_accuracy), yes_or_no(e.exact))),
+        ("evidence", evidence_in_words(e.mode, report.key_rotation.of > 1 || report.undone.is_some()).to_owned()),
+        ("p-value", p),
+        ("inverted message", format!("{} of {} match", e.panel.inverted.chance_deviation.matches, e.num_bits)),
+        ("other keys' messages", other_keys_in_words(&e.panel.other_messages)),
+        ("other keys' readings", other_keys_in_words(&e.panel.other_readings)),
+    ];
+    rows.extend(report.undone.as_ref().map(|undone| ("undone", undone_in_words(undone))));
+    rows.extend(report.id.iter().flat_map(id_rows));
+    // A single clip has been told of above.
+    if report.clips.len() > 1 {
+        rows.extend(report.clips.iter().map(|clip| ("clip", clip_in_words(clip, e.num_bits))));
+    }
+    rows.extend(report.clips.iter().filter_map(cut_row));
+    for control in &e.panel.supplied {
+        rows.push((
+            "control",
+            format!(
+                "{}: {} of {} match",
+                control.name, control.chance_deviation.matches, control.chance_deviation.num_bits
+            ),
+        ));
+    }
+    if !e.panel.not_run.is_empty() {
+        let kinds: Vec<String> = e.panel.not_run.iter().map(ToString::to_string).collect();
+        rows.push(("controls not run", kinds.join(", ")));
+    }
+    for reason in &e.reasons {
+        rows.push(("because", reason.to_string()));
+    }
+    for line in &report.damage {
+        rows.push(("damaged", line.clone()));
+    }
+    rows.push(("receipt", report.commitment.to_string()));
+    rows.push((
+        "not shown here",
+        "that the receipt is older than the clip; a timestamp by someone else can".to_owned(),
+    ));
+    table(&rows)
+}
+
+fn other_keys_in_words(keys: &OtherKeysResult) -> String {
+    let OtherKeysResult { num_keys, most_matches, as_good, .. } = keys;
+    format!("the best of {num_keys} other keys matches {most_matches} bits; {as_good} do as well as the claim")
+}
+
+fn id_rows(id: &IdEvidence) -> Vec<Row> {
+    let whose = match id.is_promised {
+        true => "the one of the receipt".to_owned(),
+        false => format!("not {}, the one of the receipt", id.promised),
+    };
+    let ahead = format!("{:.3} a bit; {} is next, {:.3} behind", id.found.score, id.found.runner_up, id.margin);
+    let p = match id.p_value {
+        Some(SearchedP { matches, soft_score, searched }) => {
+            format!("{soft_score:.2e} at most, as the best of {searched} ({matches:.2e} of the matches)")
+        }
+        None => "none: the extractor was trained with the message".to_owned(),
+    };
+    vec![(id_name(id.id_bits), format!("{}, {whose}", id.found.id)), ("id's logits", ahead), ("id's p-value", p)]
+}
+
+fn id_name(id_bits: IdBits) -> &'static str {
+    match id_bits {
+        IdBits::Twelve => "id of 12 bits",
+        IdBits::Sixteen => "id of 16 bits",
+    }
+}
+
+fn clip_in_words(clip: &ClipReading, num_bits: u32) -> String {
+    let id = clip.id.map(|id| format!(", id {id}")).unwrap_or_default();
+    let ClipReading { name, matches, exact, .. } = clip;
+    format!("{name}: {matches} of {num_bits} match, recovered exactly: {}{id}", yes_or_no(*exact))
+}
+
+fn undone_in_words(undone: &Undone) -> String {
+    let Undone { guess: UndoGuess { rotation, crop, right, below, brightness, mirror }, tried } = undone;
+    let mut words = Vec::new();
+    if *rotation != 0.0 {
+        words.push(format!("turned by {rotation} degrees"));
+    }
+    if *crop != 1.0 {
+        words.push(format!("cropped to {crop} of each side"));
+    }
+    if (*right, *below) != (0.0, 0.0) {
+        words
+            .push(format!("its middle {right:.3} of the width right of the film's and {below:.3} of the height below"));
+    }
+    if *brightness != 1.0 {
+        words.push(format!("{brightness} times as bright"));
+    }
+    if *mirror {
+        words.push("mirrored".to_owned());
+    }
+    let words = if words.is_empty() { "nothing".to_owned() } else { words.join(", ") };
+    format!("{words}; nearest to the claim of {tried} guesses")
+}
+
+fn cut_row(clip: &ClipReading) -> Option<Row> {
+    let Rect { x, y, width, height } = clip.cut?;
+    Some(("cut to", format!("{width} x {height} px at ({x}, {y}): {}", clip.name)))
+}
+
+fn yes_or_no(answer: bool) -> &'static str {
+    if answer { "yes" } else { "no" }
+}
+
+fn p_in_words(p: &PStatement) -> String {
+    match p {
+        PStatement::Exact { matches, soft_score } => {
+            format!("{soft_score:.2e} exact, of the soft score ({matches:.2e} of the matches)")
+        }
+        PStatement::Searched(SearchedP { matches, soft_score, searched }) => {
+            format!("{soft_score:.2e} at most, of the best of {searched} claims ({matches:.2e} of the matches)")
+        }
+        PStatement::Empirical { false_positives, num_clips, bound } => {
+            format!("none; {false_positives} of {num_clips} unrelated clips read as well, rate at most {bound:.3}")
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! 32-byte BLAKE3 digests, written as 64 hexadecimal digits.
+
+use std::fmt;
+use std::fs::File;
+use std::path::Path;
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+
+use crate::error::EngineError;
+
+/// A BLAKE3 digest or keyed MAC.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Digest([u8; 32]);
+
+impl Digest {
+    /// Wraps 32 bytes that a hash or MAC produced.
+    #[must_use]
+    pub const fn from_bytes(bytes: [u8; 32]) -> Self {
+        Self(bytes)
+    }
+
+    /// Hashes bytes in memory.
+    #[must_use]
+    pub fn of(bytes: &[u8]) -> Self {
+        Self(*blake3::hash(bytes).as_bytes())
+    }
+
+    /// Hashes a file's bytes without loading the file.
+    ///
+    /// # Errors
+    /// [`EngineError::MissingInput`] if there is no such file, [`EngineError::Io`] if reading fails.
+    pub fn of_file(path: &Path) -> Result<Self, EngineError> {
+        let io = |source| EngineError::Io { path: path.to_path_buf(), source };
+        if !path.is_file() {
+            return Err(EngineError::MissingInput { path: path.to_path_buf(), expected: "a file to hash".to_owned() });
+        }
+        let mut hasher = blake3::Hasher::new();
+        hasher.update_reader(File::open(path).map_err(io)?).map_err(io)?;
+        Ok(Self(*hasher.finalize().as_bytes()))
+    }
+
+    /// The 32 bytes.
+    #[must_use]
+    pub const fn as_bytes(&self) -> &[u8; 32] {
+        &self.0
+    }
+
+    /// Reads 64 hexadecimal digits; `None` for anything else.
+    #[must_use]
+    pub fn from_hex(text: &str) -> Option<Self> {
+        let mut bytes = [0; 32];
+        hex::decode_to_slice(text, &mut bytes).ok()?;
+        Some(Self(bytes))
+    }
+}
+
+impl fmt::Display for Digest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&hex::encode(self.0))
+    }
+}
+
+impl fmt::Debug for Digest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Digest({self})")
+    }
+}
+
+impl Serialize for Digest {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl<'de> Deserialize<'de> for Digest {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        Self::from_hex(&text).ok_or_else(|| de::Error::custom(format!("`{text}` is not 64 hexadecimal digits")))
+    }
+}

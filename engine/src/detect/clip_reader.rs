@@ -1,0 +1,151 @@
+//! Clips from their first frame to their last through the extractor, wherever their frames come from.
+
+use std::path::Path;
+
+use guard4d_kernels::Device;
+
+use crate::base::observer::{Observer, Progress};
+use crate::error::EngineError;
+use crate::media::framing::{Framing, Rect};
+use crate::media::{Frame, FrameSource, Integrity, ReadOptions};
+use crate::picture::undo_guess::UndoGuess;
+use crate::render::SceneRenderer;
+use crate::scene::{CameraSet, Model};
+use crate::watermark::extractor::reader::{ClipFeatures, Reader};
+
+/// Reads clips, and says how far it is. Of a video it never holds more frames than [`Reader`] looks at together.
+pub(super) struct ClipReader<'a> {
+    device: &'a Device,
+    reader: Reader,
+    num_bits: u32,
+    options: &'a ReadOptions,
+    observer: &'a mut dyn Observer,
+}
+
+/// What was seen in one clip.
+pub(super) struct SeenClip {
+    /// File, folder or view.
+    pub(super) name: String,
+    /// With each guess undone; at least one.
+    pub(super) features: Vec<ClipFeatures>,
+    /// Width and height of its frames.
+    pub(super) size_px: (u32, u32),
+    pub(super) integrity: Integrity,
+    /// The part of its frames that was read, if not all.
+    pub(super) cut: Option<Rect>,
+}
+
+impl<'a> ClipReader<'a> {
+    /// Reads messages of `num_bits` bits with `reader`, and videos as `options` say.
+    pub(super) fn new(
+        device: &'a Device,
+        reader: Reader,
+        num_bits: u32,
+        options: &'a ReadOptions,
+        observer: &'a mut dyn Observer,
+    ) -> Self {
+        Self { device, reader, num_bits, options, observer }
+    }
+
+    /// Bits of a message, `L`.
+    pub(super) fn num_bits(&self) -> u32 {
+        self.num_bits
+    }
+
+    /// A suspect video, in which the picture may have been framed anew.
+    ///
+    /// # Errors
+    /// Those of [`FrameSource`]; when the device fails; what the observer returns.
+    pub(super) fn suspect_video(&mut self, path: &Path, guesses: &[UndoGuess]) -> Result<SeenClip, EngineError> {
+        self.video(path, self.options.framing, guesses)
+    }
+
+    /// Features and logits of a video that is looked at as it is.
+    ///
+    /// # Errors
+    /// Those of [`Self::suspect_video`].
+    pub(super) fn plain_video(&mut self, path: &Path) -> Result<ClipFeatures, EngineError> {
+        let clip = self.video(path, Framing::default(), &[UndoGuess::NONE])?;
+        Ok(clip.features.into_iter().next().unwrap_or_default())
+    }
+
+    /// Logits of frames in memory `[n, L]`.
+    ///
+    /// # Errors
+    /// Those of [`Reader::look`].
+    pub(super) fn logits(&mut self, frames: &[Frame]) -> Result<Vec<f32>, EngineError> {
+        self.reader.logits(frames)
+    }
+
+    fn video(&mut self, path: &Path, framing: Framing, guesses: &[UndoGuess]) -> Result<SeenClip, EngineError> {
+        let source = FrameSource::open(path, &ReadOptions { framing, ..self.options.clone() })?;
+        let (name, total) = (path.display().to_string(), source.expected_frames());
+        let mut stream = self.reader.stream(guesses);
+        let mut done = 0;
+        let ending = source.for_each(&mut |frame| {
+            stream.push(frame)?;
+            done += 1;
+            self.observer.observe(Progress { stage: &name, done, total })
+        })?;
+        let features = stream.finish()?;
+        Ok(SeenClip { name, features, size_px: ending.size_px, integrity: ending.integrity, cut: source.cut() })
+    }
+
+    /// Frames in memory.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] without a frame or with frames of different sizes; when the device fails; what the
+    /// observer returns.
+    pub(super) fn frames(
+        &mut self,
+        name: &str,
+        frames: &[Frame],
+        guesses: &[UndoGuess],
+    ) -> Result<SeenClip, EngineError> {
+        let first = frames.first().ok_or_else(|| no_frame(name))?;
+        let mut stream = self.reader.stream(guesses);
+        for (done, frame) in (1..).zip(frames) {
+            stream.push(frame.clone())?;
+            self.observer.observe(Progress { stage: name, done, total: Some(frames.len() as u64) })?;
+        }
+        Ok(SeenClip {
+            name: name.to_owned(),
+            features: stream.finish()?,
+            size_px: (first.width(), first.height()),
+            integrity: Integrity::Intact,
+            cut: None,
+        })
+    }
+
+    /// Clips of a model, rendered into 8 bits one after the other.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for cameras without a clip; those of [`Self::frames`] and of `each`.
+    pub(super) fn model(
+        &mut self,
+        name: &str,
+        model: &Model,
+        cameras: &CameraSet,
+        guesses: &[UndoGuess],
+        each: &mut dyn FnMut(SeenClip) -> Result<(), EngineError>,
+    ) -> Result<(), EngineError> {
+        let clips = cameras.clips();
+        if clips.is_empty() {
+            return Err(no_frame(name));
+        }
+        let mut renderer = SceneRenderer::new(self.device, &model.gaussians, &model.motion, model.background)?;
+        for (number, clip) in clips.iter().enumerate() {
+            let mut frames = Vec::with_capacity(clip.len());
+            renderer.render_clips(std::slice::from_ref(clip), |_, camera, pixels| {
+                frames.push(Frame::from_rgba32f(camera.width, camera.height, pixels)?);
+                Ok(())
+            })?;
+            each(self.frames(&format!("{name}, view {number}"), &frames, guesses)?)?;
+        }
+        Ok(())
+    }
+}
+
+fn no_frame(name: &str) -> EngineError {
+    EngineError::Usage { what: name.to_owned(), got: "no frame".to_owned(), expected: "at least one".to_owned() }
+}

@@ -1,0 +1,109 @@
+//! What a verification says.
+
+use serde::Serialize;
+
+use super::suspect::SuspectClip;
+use crate::base::digest::Digest;
+use crate::base::prf::Prf;
+use crate::error::EngineError;
+use crate::evidence::id_code::{IdBits, IdCode, IdReading, SearchedP};
+use crate::evidence::judgement::Evidence;
+use crate::evidence::message::Message;
+use crate::media::framing::Rect;
+use crate::picture::undo_guess::UndoGuess;
+use crate::watermark::extractor::rotation::KeyRotation;
+
+/// The evidence, with what went into it.
+#[derive(Debug, Serialize)]
+pub struct VerifyReport {
+    /// Verdict, p-value, negative controls.
+    pub evidence: Evidence,
+    /// What the evidence rests on: the receipt's commitment. That it is older than the clip, this report cannot say.
+    pub commitment: Digest,
+    /// Rotation that the extractor reads through.
+    pub key_rotation: KeyRotation,
+    /// What was undone, if there was anything to guess.
+    pub undone: Option<Undone>,
+    /// The id read, if ids are asked for.
+    pub id: Option<IdEvidence>,
+    /// Each suspect clip by itself.
+    pub clips: Vec<ClipReading>,
+    /// Frames read.
+    pub frames: usize,
+    /// What the decoder of a damaged video said.
+    pub damage: Vec<String>,
+}
+
+/// What was undone before the suspect clips were read.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Undone {
+    /// The guess with which undone the clips are nearest to the claim.
+    #[serde(flatten)]
+    pub guess: UndoGuess,
+    /// How many were tried, nothing at all among them; every p-value is multiplied by it.
+    pub tried: u32,
+}
+
+/// What the suspect clips say about ids.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct IdEvidence {
+    /// Length of the ids.
+    pub id_bits: IdBits,
+    /// Fewest bits in which the messages of two ids differ.
+    pub distance: u32,
+    /// The best id and the next one.
+    #[serde(flatten)]
+    pub found: IdReading,
+    /// How far the best is ahead, in logits per bit.
+    pub margin: f64,
+    /// The id that the receipt commits to.
+    pub promised: u32,
+    /// Whether the best id is that one.
+    pub is_promised: bool,
+    /// Chance that the best of all ids agrees so well; none for a `joint` extractor, which has no p-value.
+    pub p_value: Option<SearchedP>,
+}
+
+/// How one suspect clip reads by itself.
+#[derive(Clone, Debug, Serialize)]
+pub struct ClipReading {
+    /// File, folder or view.
+    pub name: String,
+    /// Bits that match the message.
+    pub matches: u32,
+    /// Share of them.
+    pub bit_accuracy: f64,
+    /// Whether the message was recovered without any wrong bit.
+    pub exact: bool,
+    /// The best id, if ids are asked for.
+    pub id: Option<u32>,
+    /// The part of its frames that was read, if not all.
+    pub cut: Option<Rect>,
+}
+
+impl ClipReading {
+    /// One suspect clip by itself, with the guess of that number undone, compared with `message`; where ids of `code`
+    /// are asked for, also its best id.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] when lengths differ.
+    pub(super) fn of(
+        clip: &SuspectClip,
+        guess: usize,
+        message: &Message,
+        code: Option<IdCode>,
+        prf: &Prf,
+    ) -> Result<Self, EngineError> {
+        let reading = clip.reading(guess);
+        let matches = reading.matches(message)?;
+        let read = |code: IdCode| code.decode(reading.mean_logits(), &code.pad(prf)?);
+        Ok(Self {
+            name: clip.name().to_owned(),
+            matches,
+            bit_accuracy: f64::from(matches) / f64::from(message.num_bits()),
+            exact: matches == message.num_bits(),
+            id: code.map(read).transpose()?.map(|found| found.id),
+            cut: clip.cut(),
+        })
+    }
+}

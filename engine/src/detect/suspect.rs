@@ -1,0 +1,140 @@
+//! What is under suspicion, and what is read of it.
+
+use std::path::PathBuf;
+
+use super::clip_reader::{ClipReader, SeenClip};
+use crate::error::EngineError;
+use crate::evidence::reading::Reading;
+use crate::media::framing::Rect;
+use crate::media::{Frame, Integrity};
+use crate::picture::undo_guess::UndoGuess;
+use crate::scene::{CameraSet, Model};
+use crate::watermark::extractor::reader::ClipFeatures;
+
+/// What is under suspicion.
+#[derive(Debug)]
+pub enum Suspect {
+    /// A video file, or a folder of pictures in its place.
+    Video(PathBuf),
+    /// Frames of one clip.
+    Frames {
+        /// For the report.
+        name: String,
+        /// All of one size.
+        frames: Vec<Frame>,
+    },
+    /// A model, of which frames are rendered. How they are read is not for [`crate::media::ReadOptions`] to say: all
+    /// of them are, whole.
+    Model {
+        /// For the report.
+        name: String,
+        /// With the background that it is rendered before.
+        model: Box<Model>,
+        /// Each of their clips counts as one, see [`CameraSet::clips`].
+        cameras: CameraSet,
+    },
+}
+
+/// What was read of all suspect clips.
+pub(super) struct Suspects {
+    /// Of all clips together, after each guess of what was done to them is undone.
+    features: Vec<ClipFeatures>,
+    /// Shorter side of the smallest frame.
+    side_px: u32,
+    frames: usize,
+    damage: Vec<String>,
+    clips: Vec<SuspectClip>,
+}
+
+/// What was read of one of them.
+pub(super) struct SuspectClip {
+    name: String,
+    /// After each guess is undone.
+    readings: Vec<Reading>,
+    cut: Option<Rect>,
+}
+
+impl Suspects {
+    /// Reads suspects one after the other, with each of `guesses` undone.
+    ///
+    /// # Errors
+    /// Those of reading a clip.
+    pub(super) fn read(
+        reader: &mut ClipReader<'_>,
+        suspects: &[Suspect],
+        guesses: &[UndoGuess],
+    ) -> Result<Self, EngineError> {
+        let features = vec![ClipFeatures::default(); guesses.len()];
+        let mut all = Self { features, side_px: u32::MAX, frames: 0, damage: Vec::new(), clips: Vec::new() };
+        for suspect in suspects {
+            match suspect {
+                Suspect::Video(path) => all.add(reader.suspect_video(path, guesses)?, reader.num_bits())?,
+                Suspect::Frames { name, frames } => {
+                    all.add(reader.frames(name, frames, guesses)?, reader.num_bits())?;
+                }
+                Suspect::Model { name, model, cameras } => {
+                    let num_bits = reader.num_bits();
+                    reader.model(name, model, cameras, guesses, &mut |clip| all.add(clip, num_bits))?;
+                }
+            }
+        }
+        Ok(all)
+    }
+
+    /// What all of them show with each guess undone, in the guesses' order.
+    pub(super) fn features(&self) -> &[ClipFeatures] {
+        &self.features
+    }
+
+    /// Shorter side of the smallest frame.
+    pub(super) fn side_px(&self) -> u32 {
+        self.side_px
+    }
+
+    /// Frames read.
+    pub(super) fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// What decoders of damaged videos said.
+    pub(super) fn damage(&self) -> &[String] {
+        &self.damage
+    }
+
+    /// Each clip by itself.
+    pub(super) fn clips(&self) -> &[SuspectClip] {
+        &self.clips
+    }
+
+    fn add(&mut self, clip: SeenClip, num_bits: u32) -> Result<(), EngineError> {
+        let SeenClip { name, features, size_px: (width, height), integrity, cut } = clip;
+        if let Integrity::Damaged { messages } = integrity {
+            self.damage.push(format!("{name}: {messages}"));
+        }
+        self.side_px = self.side_px.min(width).min(height);
+        self.frames += features[0].logits.len() / num_bits as usize;
+        let readings = features.iter().map(|features| Reading::from_logits(&features.logits, num_bits));
+        self.clips.push(SuspectClip { name, readings: readings.collect::<Result<_, _>>()?, cut });
+        for (whole, part) in self.features.iter_mut().zip(&features) {
+            whole.extend(part);
+        }
+        Ok(())
+    }
+}
+
+impl SuspectClip {
+    /// File, folder or view.
+    pub(super) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// What it says with the guess of that number undone.
+    pub(super) fn reading(&self, guess: usize) -> &Reading {
+        &self.readings[guess]
+    }
+
+    /// The part of its frames that was read, if not all.
+    pub(super) fn cut(&self) -> Option<Rect> {
+        self.cut
+    }
+}

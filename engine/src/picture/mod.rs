@@ -1,0 +1,6 @@
+//! Pictures: what is done to them on their way, undoing it, and how far apart two of them are.
+
+pub mod colour_difference;
+pub mod distortion;
+pub mod metrics;
+pub mod undo_guess;

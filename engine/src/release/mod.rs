@@ -1,0 +1,7 @@
+//! What leaves the house, and what is kept: marked models, receipts, measurements, undo.
+
+pub mod delivery;
+pub mod evaluate;
+pub mod gate;
+pub mod receipt;
+pub mod undo;

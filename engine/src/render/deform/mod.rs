@@ -1,0 +1,12 @@
+//! Splats at a moment in time.
+
+mod field;
+mod network;
+mod paths;
+mod sequence;
+mod state;
+mod warp;
+
+pub use field::DeformField;
+pub use network::HiddenRows;
+pub use state::SplatState;

@@ -1,3 +1,0 @@
-//! What every training loop shares.
-
-pub mod schedule;

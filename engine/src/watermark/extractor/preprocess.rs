@@ -1,0 +1,164 @@
+//! Brings 8-bit frames to the size that CLIP sees, and undoes what may have been done to them on the way.
+
+use guard4d_kernels::image::resize::{ImageSize, ResizePlan};
+use guard4d_kernels::image::{CHANNELS, colour_map, quantize, warp};
+use guard4d_kernels::shape::ClipShape;
+use guard4d_kernels::{Buffer, Device, Recorder};
+
+use crate::error::EngineError;
+use crate::media::Frame;
+use crate::picture::distortion::Resizer;
+use crate::picture::undo_guess::UndoGuess;
+
+/// Sides of the pictures on which guesses are undone, at most, in sides of CLIP's: more than CLIP will see, so that
+/// sampling twice blurs nothing of it, and as little for a video of any size.
+const WORKING_SIDES: usize = 4;
+/// Pixels along the border that tell what colour lies beyond it.
+const BORDER_PX: usize = 2;
+
+/// Frames of one clip on their way to CLIP, as many at once as the extractor sees together.
+#[derive(Debug)]
+pub struct Preprocessor {
+    device: Device,
+    size: ImageSize,
+    /// What CLIP sees.
+    seen: ClipShape,
+    /// Frames as they are `[F,H,W,4]`.
+    full: Buffer<f32>,
+    whole: Resizer,
+    /// Colour of the border of the first frame.
+    border: [f32; 3],
+    /// For guesses; made with the first.
+    undoing: Option<Undoing>,
+}
+
+impl Preprocessor {
+    /// Room for frames of the size of `first`, which CLIP sees as clips of shape `seen`.
+    ///
+    /// # Errors
+    /// When memory runs out.
+    pub fn new(device: &Device, first: &Frame, seen: ClipShape) -> Result<Self, EngineError> {
+        let size = ImageSize { height: first.height() as usize, width: first.width() as usize };
+        let plan = ResizePlan::new(device, size, size_of(seen))?;
+        Ok(Self {
+            device: device.clone(),
+            whole: Resizer::new(device, seen.frames, plan)?,
+            full: device.buffer("preprocessor.full", seen.frames * size.height * size.width * CHANNELS)?,
+            border: border_of(first),
+            undoing: None,
+            size,
+            seen,
+        })
+    }
+
+    /// Takes a clip from at most as many frames, the last repeated. What was recorded before has to be submitted.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] with frames of another size; when the device fails.
+    pub fn load(&mut self, frames: &[Frame]) -> Result<(), EngineError> {
+        let ImageSize { height, width } = self.size;
+        for i in 0..self.seen.frames {
+            let frame = &frames[i.min(frames.len() - 1)];
+            if (frame.height() as usize, frame.width() as usize) != (height, width) {
+                return Err(EngineError::Usage {
+                    what: "clip".to_owned(),
+                    got: format!("a frame of {} x {} px", frame.width(), frame.height()),
+                    expected: format!("{width} x {height} px like the first"),
+                });
+            }
+            self.full.write_at(i * height * width * CHANNELS, &frame.to_rgba32f())?;
+        }
+        if let Some(undoing) = &mut self.undoing {
+            undoing.is_current = false;
+        }
+        Ok(())
+    }
+
+    /// The clip as CLIP sees it with `guess` undone, in `resized` `[F,S,S,4]`.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn show(&mut self, rec: &mut Recorder, guess: UndoGuess, resized: &mut Buffer<f32>) -> Result<(), EngineError> {
+        if guess == UndoGuess::NONE {
+            return Ok(self.whole.forward(rec, &self.full, resized)?);
+        }
+        let undoing = match &mut self.undoing {
+            Some(undoing) => undoing,
+            None => self.undoing.insert(Undoing::new(&self.device, self.size, self.seen)?),
+        };
+        undoing.show(rec, guess, &self.full, self.border, resized)
+    }
+}
+
+/// Undoes guesses on pictures that are not much larger than CLIP's.
+#[derive(Debug)]
+struct Undoing {
+    clip: ClipShape,
+    shrink: Resizer,
+    resize: Resizer,
+    /// The clip that was loaded last, at the working size.
+    edited: Buffer<f32>,
+    is_current: bool,
+    placed: Buffer<f32>,
+    restored: Buffer<f32>,
+}
+
+impl Undoing {
+    fn new(device: &Device, size: ImageSize, seen: ClipShape) -> Result<Self, EngineError> {
+        let longest = size.height.max(size.width);
+        let most = longest.min(WORKING_SIDES * seen.height.max(seen.width));
+        let part = |n: usize| (n * most).div_ceil(longest);
+        let working = ImageSize { height: part(size.height), width: part(size.width) };
+        let clip = ClipShape { height: working.height, width: working.width, ..seen };
+        let resizer = |from, to| Resizer::new(device, seen.frames, ResizePlan::new(device, from, to)?);
+        let buffer = |name: &str| device.buffer(&format!("preprocessor.{name}"), clip.pixels() * CHANNELS);
+        Ok(Self {
+            clip,
+            shrink: resizer(size, working)?,
+            resize: resizer(working, size_of(seen))?,
+            edited: buffer("edited")?,
+            is_current: false,
+            placed: buffer("placed")?,
+            restored: buffer("restored")?,
+        })
+    }
+
+    fn show(
+        &mut self,
+        rec: &mut Recorder,
+        guess: UndoGuess,
+        full: &Buffer<f32>,
+        border: [f32; 3],
+        resized: &mut Buffer<f32>,
+    ) -> Result<(), EngineError> {
+        if !self.is_current {
+            self.shrink.forward(rec, full, &mut self.edited)?;
+            self.is_current = true;
+        }
+        let warp = guess.warp_back(self.clip, border);
+        warp::forward(rec, self.clip, &warp, &self.edited, &mut self.placed)?;
+        colour_map::forward(rec, &guess.colours_back(), &self.placed, &mut self.restored)?;
+        // What leaked had 8 bits, and no colour beyond white.
+        quantize::forward(rec, &self.restored, &mut self.placed)?;
+        Ok(self.resize.forward(rec, &self.placed, resized)?)
+    }
+}
+
+fn size_of(clip: ClipShape) -> ImageSize {
+    ImageSize { height: clip.height, width: clip.width }
+}
+
+/// Median of each channel along the border, in \[0, 1\]: what continues there is more likely its commonest colour than
+/// a mean of thing and background.
+fn border_of(frame: &Frame) -> [f32; 3] {
+    let (width, height) = (frame.width() as usize, frame.height() as usize);
+    let is_near = |at: usize, side: usize| at < BORDER_PX || side - at <= BORDER_PX;
+    let pixels = frame.rgb().chunks_exact(3).enumerate();
+    let along: Vec<&[u8]> =
+        pixels.filter(|(i, _)| is_near(i % width, width) || is_near(i / width, height)).map(|(_, rgb)| rgb).collect();
+    std::array::from_fn(|channel| {
+        let mut levels: Vec<u8> = along.iter().map(|rgb| rgb[channel]).collect();
+        let middle = levels.len() / 2;
+        f32::from(*levels.select_nth_unstable(middle).1) / 255.0
+    })
+}

@@ -1,0 +1,108 @@
+//! What of an extractor belongs to one asset, its file, and what every extractor does alike.
+
+use std::path::Path;
+
+use super::calibration::Calibration;
+use super::rotation::KeyRotation;
+use super::tmsd::TmsdWeights;
+use crate::base::digest::Digest;
+use crate::base::output::{AtomicFile, Existing};
+use crate::base::tensor_file::TensorFile;
+use crate::error::EngineError;
+use crate::evidence::extractor_mode::ExtractorMode;
+use crate::watermark::key::owner_key::Key;
+
+/// `format` entry of an extractor file.
+const FORMAT: &str = "guard4d.extractor/1";
+
+/// Frames that the extractor sees at once (Guard4D Sec. 4: clips of eight frames).
+pub const CLIP_FRAMES: usize = 8;
+
+/// What happens to a frame before R, for receipts.
+pub const PREPROCESS: &str = "resize: bilinear, antialiased, align_corners; squashed to CLIP's size; rgb in [0, 1]";
+
+/// The parts of an extractor that belong to one asset; private.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExtractorWeights {
+    /// How R was made.
+    pub mode: ExtractorMode,
+    /// R; `None` is the identity.
+    pub tmsd: Option<TmsdWeights>,
+    /// Map between image and text features.
+    pub calibration: Calibration,
+    /// Rotation that mixes the calibration's directions; its number is all that an extractor that is blind to the
+    /// message can have of it.
+    pub key_rotation: KeyRotation,
+}
+
+impl ExtractorWeights {
+    fn file(&self, key: &Key) -> TensorFile {
+        let mut file = TensorFile::default();
+        let mode = serde_json::to_value(self.mode).ok().and_then(|v| v.as_str().map(str::to_owned));
+        file.meta.insert("format".to_owned(), FORMAT.to_owned());
+        file.meta.insert("mode".to_owned(), mode.expect("modes serialise as words"));
+        file.meta.insert("key_id".to_owned(), key.prf().key_id().to_string());
+        file.meta.insert("clip".to_owned(), key.clip.to_string());
+        self.key_rotation.store(&mut file);
+        self.calibration.store(&mut file, key.bits());
+        if let Some(tmsd) = &self.tmsd {
+            tmsd.store(&mut file);
+        }
+        file
+    }
+
+    /// Hash of the file that [`ExtractorWeights::write`] writes.
+    ///
+    /// # Errors
+    /// When a tensor's shape does not fit its values.
+    pub fn digest(&self, key: &Key) -> Result<Digest, EngineError> {
+        Ok(Digest::of(&self.file(key).to_bytes()?))
+    }
+
+    /// Writes the extractor, whole or not at all.
+    ///
+    /// # Errors
+    /// [`EngineError::CannotCreate`] or [`EngineError::Io`] naming the file.
+    pub fn write(&self, path: &Path, key: &Key, existing: Existing) -> Result<(), EngineError> {
+        AtomicFile::write(path, existing, &self.file(key).to_bytes()?)
+    }
+
+    /// Reads an extractor that belongs to `key`. A file that calls itself blind to the message is refused if its R does
+    /// what only a trained network does: it may have been trained to say the message.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] naming what does not fit.
+    pub fn read(path: &Path, key: &Key) -> Result<Self, EngineError> {
+        let file = TensorFile::read(path)?;
+        file.expect_text("format", FORMAT)?;
+        file.expect_text("key_id", &key.prf().key_id().to_string())?;
+        file.expect_text("clip", &key.clip.to_string())?;
+        let word = file.text("mode")?;
+        let mode = serde_json::from_value(word.into()).map_err(|e| EngineError::BadData {
+            path: path.to_owned(),
+            field: "mode".to_owned(),
+            got: e.to_string(),
+            expected: "none, blind, pretrained or joint".to_owned(),
+        })?;
+        let tmsd = TmsdWeights::load(&file)?;
+        check_blindness(&file, mode, tmsd.as_ref())?;
+        let calibration = Calibration::load(&file, key.text_mean.len(), key.bits())?;
+        Ok(Self { mode, tmsd, calibration, key_rotation: KeyRotation::load(&file)? })
+    }
+}
+
+/// Refuses an R that its mode cannot have.
+fn check_blindness(file: &TensorFile, mode: ExtractorMode, tmsd: Option<&TmsdWeights>) -> Result<(), EngineError> {
+    let Some(tmsd) = tmsd else { return Ok(()) };
+    let (got, expected) = match mode {
+        ExtractorMode::Joint => return Ok(()),
+        ExtractorMode::None => ("R", "none in an extractor of mode `none`".to_owned()),
+        // A pretrained network would have to be a known one; so far there is none.
+        ExtractorMode::Blind | ExtractorMode::Pretrained if tmsd.is_trained() => {
+            let expected = format!("a colour map alone in an extractor of mode `{mode}`, which never saw a message");
+            ("a trained network", expected)
+        }
+        ExtractorMode::Blind | ExtractorMode::Pretrained => return Ok(()),
+    };
+    Err(file.bad("tmsd", got, &expected))
+}

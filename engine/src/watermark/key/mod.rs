@@ -1,0 +1,7 @@
+//! The owner's key: a token table and a message decoder, both derived from a master secret.
+
+pub mod capacity;
+pub mod decoder;
+mod decoder_training;
+pub mod owner_key;
+pub mod tokens;

@@ -1,0 +1,5 @@
+//! The ground floor: outputs and streams.
+
+mod ledger;
+mod output;
+mod prf;

@@ -1,0 +1,7 @@
+//! From bits to verdicts.
+
+mod id_code;
+mod judgement;
+mod message;
+mod per_bit;
+mod statistics;

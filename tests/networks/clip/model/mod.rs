@@ -1,0 +1,4 @@
+//! Both towers against transformers.
+
+mod mini;
+mod vit_b32;

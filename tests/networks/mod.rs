@@ -1,0 +1,4 @@
+//! Frozen networks against those who made them.
+
+pub(crate) mod clip;
+mod lpips;

@@ -1,0 +1,5 @@
+//! Several rooms together, from one end to the other.
+
+mod conventions;
+mod delivery;
+mod false_claims;

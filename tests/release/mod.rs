@@ -1,0 +1,4 @@
+//! What leaves the house, and what is kept.
+
+mod gate;
+pub(crate) mod receipt;

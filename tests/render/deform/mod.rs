@@ -1,0 +1,4 @@
+//! Splats at a moment in time.
+
+mod field;
+mod warp;

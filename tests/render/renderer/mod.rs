@@ -1,0 +1,4 @@
+//! Pictures, their gradients, and what both take.
+
+mod golden;
+mod models;

@@ -1,0 +1,4 @@
+//! PLY files: read by property name, and written back byte for byte.
+
+mod file;
+pub(crate) mod paths;

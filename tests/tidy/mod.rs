@@ -1,0 +1,12 @@
+//! House rules that the compiler cannot see; `ARCHITECTURE.md` says why each exists.
+//!
+//! Every rule collects all offences before it fails, and is itself tried on text that breaks it.
+
+mod imports;
+mod kernels;
+mod mirror;
+mod parameters;
+mod rooms;
+mod sources;
+mod text;
+mod words;

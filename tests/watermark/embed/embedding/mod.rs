@@ -1,0 +1,7 @@
+//! A whole embedding: its steps, its phases, and what becomes of its settings.
+
+mod control_losses;
+mod copies;
+mod rotations;
+mod schedule;
+mod steps;

@@ -1,0 +1,4 @@
+//! Embedding.
+
+mod embedding;
+mod visibility;

@@ -1,0 +1,7 @@
+//! The extractor and its parts.
+
+mod calibration;
+mod pretrained;
+mod reader;
+mod scatter;
+mod tmsd;

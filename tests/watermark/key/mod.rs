@@ -1,0 +1,5 @@
+//! The owner's key and what it is made of.
+
+pub(crate) mod decoder;
+pub(crate) mod owner_key;
+mod tokens;
