@@ -14,6 +14,7 @@ mod target;
 use chart::Bars;
 use compare::{CORE_MS, JUDGED_BY, MS, NAME, QUARTILES, parse, table};
 use guard4d_engine::base::tensor_file::TensorFile;
+use roxmltree::{Document, Node};
 use stats::{Quartiles, exponent};
 use target::{Bound, Measured, TARGETS};
 
@@ -162,15 +163,58 @@ fn targets_are_met_by_numbers_alone() {
     assert_eq!(text.matches("not measured").count(), 2 * (TARGETS.len() - 1), "{text}");
 }
 
+/// Words of a picture with the room that they take: left, top, right, bottom.
+fn words_of(picture: &str) -> Vec<(String, [f64; 4])> {
+    let document = Document::parse(picture).expect("a picture is XML");
+    let texts = document.descendants().filter(|node| node.has_tag_name("text"));
+    let area = |node: &Node<'_, '_>, words: &str| {
+        let number = |name: &str| node.attribute(name).and_then(|v| v.parse::<f64>().ok()).expect("a number");
+        let (x, y, size) = (number("x"), number("y"), number("font-size"));
+        // Digits and small letters of DejaVu Sans, one of the widest fonts, take 0.65 of their size.
+        let wide = 0.65 * size * words.chars().count() as f64;
+        let left = match node.attribute("text-anchor") {
+            Some("start") => x,
+            Some("middle") => x - 0.5 * wide,
+            _ => x - wide,
+        };
+        [left, y - 0.5 * size, left + wide, y + 0.5 * size]
+    };
+    texts
+        .map(|node| {
+            let words = node.text().unwrap_or_default().trim().to_owned();
+            let area = area(&node, &words);
+            (words, area)
+        })
+        .collect()
+}
+
 #[test]
 fn the_chart_shows_each_share_and_stays_inside() {
     let bars = |name: &str, shares| Bars { name: name.to_owned(), shares };
-    let rows = [bars("a<b", [Some(50.0), None]), bars("cached", [Some(250.0), Some(f64::NAN)])];
-    let picture = chart::svg(["device", "core"], &rows);
-    assert!(picture.starts_with("<svg") && picture.ends_with("</svg>\n"), "{picture}");
-    assert!(picture.contains("a&lt;b") && picture.contains(">50 %<") && picture.contains(">250 %<"), "{picture}");
+    let rows = [
+        bars("a<b", [Some(50.0), None]),
+        bars("cached", [Some(250.0), Some(f64::NAN)]),
+        bars("a row with a name that is rather long, 512 x 512", [Some(50.0), Some(51.0)]),
+    ];
+    let picture = chart::svg(["share of the device's peak in this run", "core"], &rows);
+    let words = words_of(&picture);
+    for shown in ["a<b", "50 %", "250 %", "51 %", "core"] {
+        assert!(words.iter().any(|(words, _)| words == shown), "`{shown}`: {words:?}");
+    }
     assert!(!picture.contains("NaN"), "{picture}");
-    // Two bars and two squares of the legend; full scale is 400 px.
-    assert_eq!(picture.matches("height=\"7\"").count(), 4, "{picture}");
-    assert!(picture.contains("width=\"400.0\"") && picture.contains("width=\"200.0\""), "{picture}");
+    let document = Document::parse(&picture).expect("a picture is XML");
+    let size = |name: &str| document.root_element().attribute(name).and_then(|v| v.parse::<f64>().ok());
+    let (width, height) = (size("width").expect("a width"), size("height").expect("a height"));
+    for (i, (one, area)) in words.iter().enumerate() {
+        let [left, top, right, bottom] = *area;
+        assert!(left >= 0.0 && top >= 0.0 && right <= width && bottom <= height, "`{one}` leaves the picture");
+        for (other, beside) in &words[..i] {
+            let is_apart = right <= beside[0] || beside[2] <= left || bottom <= beside[1] || beside[3] <= top;
+            assert!(is_apart, "`{one}` lies over `{other}`: {area:?} {beside:?}");
+        }
+    }
+    // Four bars and two squares of the legend; full scale is 400 px, which a bar does not pass.
+    assert_eq!(picture.matches(" height=\"8\"").count(), 6, "{picture}");
+    assert_eq!(picture.matches(" width=\"400\"").count(), 1, "{picture}");
+    assert_eq!(picture.matches(" width=\"200\"").count(), 2, "{picture}");
 }
