@@ -7,6 +7,7 @@ use crate::commands::attack::AttackArgs;
 use crate::commands::completions::CompletionsArgs;
 use crate::commands::convert::ConvertArgs;
 use crate::commands::demo::DemoArgs;
+use crate::commands::disclose::DiscloseArgs;
 use crate::commands::embed::args::EmbedArgs;
 use crate::commands::inspect::InspectArgs;
 use crate::commands::keygen::KeygenArgs;
@@ -46,6 +47,8 @@ pub(crate) enum Command {
     Embed(Box<EmbedArgs>),
     /// Reads a mark from films, frames or a model, and says how sure that is
     Verify(Box<VerifyArgs>),
+    /// Hands over what a third party needs to verify one asset, and nothing more
+    Disclose(DiscloseArgs),
     /// Restores the original of a marked model, byte for byte
     Undo(UndoArgs),
     /// Renders a model to 8-bit frames or a video

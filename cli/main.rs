@@ -14,7 +14,8 @@ use guard4d_engine::error::{EngineError, INTERNAL_ERROR};
 
 use command_line::{Cli, Command};
 use commands::{
-    attack, completions, convert, demo, devices, embed, inspect, keygen, lab, man, reference, render, undo, verify,
+    attack, completions, convert, demo, devices, disclose, embed, inspect, keygen, lab, man, reference, render, undo,
+    verify,
 };
 use ui::log;
 use ui::outcome::Outcome;
@@ -52,6 +53,7 @@ fn run(cli: &Cli) -> Result<Outcome, EngineError> {
         Command::Convert(args) => convert::run(args, common),
         Command::Demo(args) => demo::run(args, common),
         Command::Devices => devices::run(common),
+        Command::Disclose(args) => disclose::run(args, common),
         Command::Embed(args) => embed::run::run(args, common),
         Command::Inspect(args) => inspect::run(args, common),
         Command::Keygen(args) => keygen::run(args, common),

@@ -1,6 +1,7 @@
 //! `guard4d demo`: the whole way on the embedded scene, with nothing to download.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -8,9 +9,9 @@ use clap::Args;
 use guard4d_engine::base::output::{AtomicDir, Existing};
 use guard4d_engine::base::prf::MasterSecret;
 use guard4d_engine::detect::report::VerifyReport;
+use guard4d_engine::detect::request::{VerifyInputs, VerifyRequest};
 use guard4d_engine::detect::sought::Sought;
 use guard4d_engine::detect::suspect::Suspect;
-use guard4d_engine::detect::verify::{VerifyInputs, VerifyRequest};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::evidence::extractor_mode::ExtractorMode;
 use guard4d_engine::media::Frame;
@@ -139,6 +140,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     note(common, "1/4 key: a bit-to-token table and a message decoder, from a fresh master secret");
     let owner = timed(&mut seconds, "key", || key(args.short.key.as_deref()))?;
     owner.write(&out.path().join("owner.key"), Existing::Refuse)?;
+    let owner = owner.for_asset(model.digest())?;
 
     note(common, "2/4 embed: small colour offsets on the splats");
     let message = owner.own_message();
@@ -158,8 +160,17 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     note(common, "4/4 verify: from the video alone");
     let receipt = out.path().join(PRIVATE).join(RECEIPT);
     let sought = Some(Sought::Message(message));
-    let request =
-        VerifyRequest { device: &device, clip: &clip, key: &owner, sought, receipt: &receipt, pretrained: None };
+    let request = VerifyRequest {
+        device: &device,
+        clip: &clip,
+        key: &owner,
+        sought,
+        receipt: &receipt,
+        pretrained: None,
+        original: Some(&model),
+        trusted_clip: None,
+        claims: NonZeroU32::MIN,
+    };
     let suspects = vec![Suspect::Video(out.path().join(VIDEO))];
     let inputs = VerifyInputs { suspects, clean: rendered.clean, ..VerifyInputs::default() };
     let bar = &mut ObserverBar::new(common);
@@ -167,7 +178,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
 
     stop::check()?;
     let wrong_key = timed(&mut seconds, "wrong key", || {
-        let other = key(args.short.wrong_key.as_deref())?;
+        let other = key(args.short.wrong_key.as_deref())?.for_asset(model.digest())?;
         read_with(&other, subject, &embedded, &rendered.marked)
     })?;
     // What was made is kept, whatever becomes of the text about it.

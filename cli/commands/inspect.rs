@@ -11,6 +11,7 @@ use guard4d_engine::evidence::statistics::{SHOWN_RATES, shown_thresholds};
 use guard4d_engine::release::receipt::Receipt;
 use guard4d_engine::scene::gaussians::SH_FLOATS;
 use guard4d_engine::scene::{Model, Motion};
+use guard4d_engine::watermark::key::key_file::SECRETS;
 use serde_json::{Value, json};
 
 use crate::flags::common::Common;
@@ -40,6 +41,9 @@ fn receipt(args: &InspectArgs) -> Result<Value, EngineError> {
     receipt.verify_commitment(&args.path)?;
     Ok(json!({
         "kind": "receipt, commitment intact",
+        "schema": receipt.schema,
+        "commitment": receipt.commitment,
+        "anchor": receipt.body.promise.anchor,
         "key_id": receipt.body.promise.key_id.to_string(),
         "bits": receipt.body.promise.num_bits,
         "payload": receipt.body.promise.payload,
@@ -50,10 +54,10 @@ fn receipt(args: &InspectArgs) -> Result<Value, EngineError> {
     }))
 }
 
-/// Names and shapes; never the secret.
+/// Names and shapes; never a secret.
 fn tensors(args: &InspectArgs) -> Result<Value, EngineError> {
     let file = TensorFile::read(&args.path)?;
-    let public = file.meta.iter().filter(|(name, _)| *name != "secret");
+    let public = file.meta.iter().filter(|(name, _)| !SECRETS.contains(&name.as_str()));
     let tensors = file.tensors.iter().map(|(name, tensor)| (name.clone(), json!(tensor.shape)));
     let mut facts = json!({
         "kind": file.meta.get("format").map_or("safetensors", String::as_str),

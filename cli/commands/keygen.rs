@@ -6,7 +6,8 @@ use clap::Args;
 use guard4d_engine::base::output::AtomicFile;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::networks::clip::{ClipModel, ClipSource};
-use guard4d_engine::watermark::key::owner_key::{Key, KeyReport, read_secret};
+use guard4d_engine::watermark::key::key_file::read_secret;
+use guard4d_engine::watermark::key::owner_key::{Key, KeyReport};
 
 use crate::flags::common::Common;
 use crate::flags::overwrite::Overwrite;

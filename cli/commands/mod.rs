@@ -5,6 +5,7 @@ pub(crate) mod completions;
 pub(crate) mod convert;
 pub(crate) mod demo;
 pub(crate) mod devices;
+pub(crate) mod disclose;
 pub(crate) mod embed;
 pub(crate) mod inspect;
 pub(crate) mod keygen;

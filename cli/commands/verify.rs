@@ -1,14 +1,17 @@
 //! `guard4d verify`
 
+use std::num::NonZeroU32;
 use std::path::PathBuf;
 
 use clap::Args;
+use guard4d_engine::base::digest::Digest;
 use guard4d_engine::detect::controls::OtherKey;
+use guard4d_engine::detect::request::{VerifyInputs, VerifyRequest};
 use guard4d_engine::detect::sought::Sought;
-use guard4d_engine::detect::verify::{VerifyInputs, VerifyRequest};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::media::ReadOptions;
 use guard4d_engine::networks::clip::ClipSource;
+use guard4d_engine::release::receipt::Receipt;
 use guard4d_engine::render::render_frames;
 use guard4d_engine::scene::Model;
 use guard4d_engine::watermark::extractor::pretrained::PretrainedExtractor;
@@ -35,7 +38,7 @@ pub(crate) struct VerifyArgs {
     /// to 8-bit frames and read as a film of these.
     #[arg(required = true, value_name = "SUSPECT")]
     suspects: Vec<PathBuf>,
-    /// Owner key
+    /// Owner key, or the key of the asset that its owner disclosed
     #[arg(long, value_name = "FILE")]
     key: PathBuf,
     /// Receipt of the embedding; its folder holds the extractor
@@ -54,9 +57,21 @@ pub(crate) struct VerifyArgs {
     /// Pretrained extractor that `embed` was given, if it was not the built-in one
     #[arg(long, value_name = "FILE")]
     pretrained: Option<PathBuf>,
-    /// The unmarked model, when the owner has it: its clean render is a control
+    /// How many receipts, keys, owners, films or readings this claim was chosen from; multiplies every p-value
     ///
-    /// Suspect models are then filmed as it is: around the same point, over the same background.
+    /// Whoever tries a film with ten receipts, or ten crops of it with one, has ten chances. A number that is too small
+    /// makes the p-value wrong.
+    #[arg(long, value_name = "N", default_value = "1")]
+    claims: NonZeroU32,
+    /// CLIP checkpoint that somebody other than the owner published, by the hash that `verify` names
+    ///
+    /// Only the program's own is taken as it is: whoever makes a checkpoint could make it read a message anywhere.
+    #[arg(long, value_name = "HASH", value_parser = parse_digest)]
+    trust_clip: Option<Digest>,
+    /// The unmarked model, when the owner has it: its clean render is a control, and the extractor is fitted again
+    ///
+    /// An extractor that does not follow from it is refused. Fitting takes about as long as it took `embed`. Suspect
+    /// models are then filmed as it is: around the same point, over the same background.
     #[arg(long, value_name = "MODEL", help_heading = "Controls")]
     original: Option<PathBuf>,
     /// A clip that surely carries no mark, as a further control
@@ -77,7 +92,7 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
     stop::listen(common);
     let device = device::open(common)?;
     let clip = device::load_clip(&device, &ClipSource::from_argument(&args.clip), common)?;
-    let key = Key::read(&args.key, &clip)?;
+    let key = Receipt::read(&args.receipt)?.body.promise.key_for(&Key::read(&args.key, &clip)?)?;
     let sought = args.message.as_ref().map(|text| Sought::parse(text, &key)).transpose()?;
     let other_key = |path: &PathBuf| Ok(OtherKey { name: path.display().to_string(), key: Key::read(path, &clip)? });
     let other_keys = args.other_key.iter().map(other_key).collect::<Result<_, EngineError>>()?;
@@ -94,10 +109,23 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
         clean,
         other_keys,
     };
-    let (receipt, pretrained) = (&args.receipt, pretrained.as_ref());
-    let request = VerifyRequest { device: &device, clip: &clip, key: &key, sought, receipt, pretrained };
+    let request = VerifyRequest {
+        device: &device,
+        clip: &clip,
+        key: &key,
+        sought,
+        receipt: &args.receipt,
+        pretrained: pretrained.as_ref(),
+        original: original.as_ref(),
+        trusted_clip: args.trust_clip,
+        claims: args.claims,
+    };
     let options = ReadOptions { framing: args.framing.framing(), ..read_some(&args.frames) };
     let report = request.verify_observed(&inputs, &options, &mut ObserverBar::new(common))?;
     print(common, &report, human)?;
     Ok(Outcome::Judged(report.evidence.verdict))
+}
+
+fn parse_digest(text: &str) -> Result<Digest, String> {
+    Digest::from_hex(text).ok_or_else(|| "64 hexadecimal digits are expected".to_owned())
 }

@@ -1,8 +1,10 @@
 //! A verification's report, for people.
 
-use guard4d_engine::detect::report::{ClipReading, IdEvidence, Undone, VerifyReport};
+use guard4d_engine::detect::free_part::{Checked, FreePart};
+use guard4d_engine::detect::report::{Choices, ClipReading, IdEvidence, Undone, VerifyReport};
 use guard4d_engine::evidence::id_code::{IdBits, SearchedP};
 use guard4d_engine::evidence::judgement::PStatement;
+use guard4d_engine::evidence::negative_controls::PooledResult;
 use guard4d_engine::evidence::other_keys::OtherKeysResult;
 use guard4d_engine::media::framing::Rect;
 use guard4d_engine::picture::undo_guess::UndoGuess;
@@ -19,10 +21,13 @@ pub(crate) fn human(report: &VerifyReport) -> String {
         ("bit accuracy", format!("{}, recovered exactly: {}", percent(e.bit_accuracy), yes_or_no(e.exact))),
         ("evidence", evidence_in_words(e.mode, report.key_rotation.of > 1 || report.undone.is_some()).to_owned()),
         ("p-value", p),
-        ("inverted message", format!("{} of {} match", e.panel.inverted.chance_deviation.matches, e.num_bits)),
-        ("other keys' messages", other_keys_in_words(&e.panel.other_messages)),
-        ("other keys' readings", other_keys_in_words(&e.panel.other_readings)),
     ];
+    rows.extend(e.panel.pools.iter().map(|pool| ("control", pool_in_words(pool))));
+    rows.extend([
+        ("arithmetic: inverted", format!("{} of {} match", e.panel.inverted.chance_deviation.matches, e.num_bits)),
+        ("arithmetic: other messages", other_keys_in_words(&e.panel.other_messages)),
+        ("arithmetic: other readings", other_keys_in_words(&e.panel.other_readings)),
+    ]);
     rows.extend(report.undone.as_ref().map(|undone| ("undone", undone_in_words(undone))));
     rows.extend(report.id.iter().flat_map(id_rows));
     // A single clip has been told of above.
@@ -49,12 +54,51 @@ pub(crate) fn human(report: &VerifyReport) -> String {
     for line in &report.damage {
         rows.push(("damaged", line.clone()));
     }
+    rows.push(choices_row(&report.choices));
+    rows.push(("the extractor's free part", free_part_in_words(&report.free_part)));
     rows.push(("receipt", report.commitment.to_string()));
     rows.push((
         "not shown here",
         "that the receipt is older than the clip; a timestamp by someone else can".to_owned(),
     ));
     table(&rows)
+}
+
+fn pool_in_words(result: &PooledResult) -> String {
+    let PooledResult { pool, num_readings, matches, num_bits, p_value, .. } = result;
+    format!("{pool} ({num_readings}): {matches} of {num_bits} bits match, p = {p_value:.2}")
+}
+
+fn free_part_in_words(part: &FreePart) -> String {
+    let numbers = part.numbers;
+    match part.checked {
+        Checked::Refitted { .. } => format!("{numbers} numbers; fitted to the original again, and the same"),
+        Checked::NotChecked => format!(
+            "not checked: whoever sealed the receipt could have chosen {numbers} numbers; --original fits them again"
+        ),
+        Checked::Trained => format!("{numbers} numbers and a network, trained with the message"),
+    }
+}
+
+/// What was chosen by hand.
+fn choices_row(choices: &Choices) -> Row {
+    let Choices { claims, films, start, every, max_frames, crop, picture_size_px } = choices;
+    let mut words = Vec::new();
+    if *films > 1 {
+        words.push(format!("{films} films, read as one"));
+    }
+    if *start > 0 || *every > 1 {
+        words.push(format!("one of {every} frames from frame {start} on"));
+    }
+    words.extend(max_frames.map(|most| format!("at most {most} frames of each film")));
+    words.extend(crop.map(|Rect { x, y, width, height }| format!("the part of {width} x {height} px at ({x}, {y})")));
+    words.extend(picture_size_px.map(|(width, height)| format!("pictures brought to {width} x {height} px")));
+    let counted = match claims {
+        1 => "counted as the only claim; --claims counts others that were tried".to_owned(),
+        some => format!("counted as one of {some} claims"),
+    };
+    words.push(counted);
+    ("chosen by hand", words.join("; "))
 }
 
 fn other_keys_in_words(keys: &OtherKeysResult) -> String {
@@ -126,6 +170,9 @@ fn p_in_words(p: &PStatement) -> String {
     match p {
         PStatement::Exact { matches, soft_score } => {
             format!("{soft_score:.2e} exact, of the soft score ({matches:.2e} of the matches)")
+        }
+        PStatement::NotCommitted(SearchedP { matches, soft_score, .. }) => {
+            format!("none: not committed (were it, {soft_score:.2e} of the soft score, {matches:.2e} of the matches)")
         }
         PStatement::Searched(SearchedP { matches, soft_score, searched }) => {
             format!("{soft_score:.2e} at most, of the best of {searched} claims ({matches:.2e} of the matches)")

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use guard4d_engine::base::output::Existing;
-use guard4d_engine::base::tensor_file::{Tensor, TensorFile};
+use guard4d_engine::base::tensor_file::Tensor;
 use guard4d_engine::evidence::extractor_mode::ExtractorMode;
 use guard4d_engine::evidence::message::Message;
 use guard4d_engine::evidence::payload::Payload;
@@ -15,11 +15,12 @@ use guard4d_engine::media::png::write_png_folder;
 use guard4d_engine::media::{Frame, ReadOptions, read_clip};
 use guard4d_engine::networks::clip::{ClipModel, ClipSource};
 use guard4d_engine::release::delivery::{EXTRACTOR, RECEIPT};
-use guard4d_engine::release::receipt::{Promise, Receipt, ReceiptBody};
+use guard4d_engine::release::receipt::{Anchor, Promise, Receipt, ReceiptBody};
 use guard4d_engine::scene::Model;
 use guard4d_engine::scene::demo::DemoScene;
+use guard4d_engine::watermark::embed::{EmbedConfig, Profile};
 use guard4d_engine::watermark::extractor::calibration::Calibration;
-use guard4d_engine::watermark::extractor::reader::Reader;
+use guard4d_engine::watermark::extractor::reader::{self, Reader};
 use guard4d_engine::watermark::extractor::rotation::KeyRotation;
 use guard4d_engine::watermark::extractor::weights::{ExtractorWeights, PREPROCESS};
 use guard4d_engine::watermark::key::owner_key::Key;
@@ -29,7 +30,7 @@ use tempfile::TempDir;
 use super::{Run, guard4d, put, scratch};
 use crate::release::receipt::body;
 use crate::support::gpu::{Gpu, device};
-use crate::support::owner::{key_file, key_file_with, sealed};
+use crate::support::owner::{key_file, key_file_of, key_of, sealed};
 use crate::support::random::Random;
 
 /// Shortest messages that a control can contradict: 16 of 16 matches are 1.5e-5 by chance.
@@ -38,6 +39,13 @@ const BITS: u32 = 16;
 const VIEWS: [&str; 6] = ["--orbit", "1", "--frames", "8", "--size", "64x64"];
 /// How far the suspect clip's logits are from zero.
 pub(super) const MARGIN: f32 = 0.01;
+
+/// A suspect clip: how large its frames are, and how far its logits are from zero.
+#[derive(Clone, Copy)]
+pub(super) struct Film {
+    pub(super) margin: f32,
+    pub(super) size: &'static str,
+}
 
 /// An owner whose extractor reads the key's own message from one rendered clip.
 ///
@@ -55,32 +63,33 @@ impl Rigged {
 
     /// Of a key of `bits` bits, saying `message` as the command line names it.
     pub(super) fn new(gpu: &Gpu, message: &str, bits: u32) -> Self {
-        Self::with_margin(gpu, message, bits, MARGIN)
+        Self::filmed(gpu, message, bits, Film { margin: MARGIN, size: "64x64" })
     }
 
-    /// The same with the suspect clip's logits `margin` from zero.
-    pub(super) fn with_margin(gpu: &Gpu, message: &str, bits: u32, margin: f32) -> Self {
+    /// The same with another suspect clip.
+    pub(super) fn filmed(gpu: &Gpu, message: &str, bits: u32, film: Film) -> Self {
         let rigged = Self { folder: scratch(), original: DemoScene::unpack().expect("the scene unpacks") };
         let clip = ClipModel::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
-        let key_path =
-            put(rigged.path(), "owner.key", &key_file_with(&clip, [7; 32], bits, 11).to_bytes().expect("serialises"));
-        let key = Key::read(&key_path, &clip).expect("the key fits the checkpoint");
+        let owner = key_of(&clip, [7; 32], bits);
+        owner.write(&rigged.file("owner.key"), Existing::Refuse).expect("writable");
         let model = Model::open(rigged.original.path()).expect("the scene opens");
+        let key = owner.for_asset(model.digest()).expect("an owner's key");
         let marked: Vec<f32> = model.gaussians.sh_coeffs.iter().map(|h| 1.5 * h).collect();
         model.write_marked(&rigged.file("marked"), &marked).expect("writable");
         let suspect = rigged.file("suspect");
-        guard4d(
-            &[&[&"render" as &dyn AsRef<OsStr>, &rigged.file("marked"), &"--out", &suspect], &views()[..]].concat(),
-        )
-        .done();
+        let render: [&dyn AsRef<OsStr>; 4] = [&"render", &rigged.file("marked"), &"--out", &suspect];
+        let size: [&dyn AsRef<OsStr>; 2] = [&"--size", &film.size];
+        guard4d(&[&render[..], &views()[..4], &size].concat()).done();
         let frames = read_clip(&suspect, &ReadOptions::default()).expect("our own frames");
         let payload = Payload::parse(message, bits).expect("a message");
         let message = payload.message(&key.prf()).expect("a length");
-        let extractor = rig(gpu, (&clip, &key), frames.frames(), &message, margin);
+        let extractor = rig(gpu, (&clip, &key), frames.frames(), &message, film.margin);
         fs::create_dir(rigged.file("private")).expect("writable");
         extractor.write(&rigged.file("private").join(EXTRACTOR), &key, Existing::Refuse).expect("writable");
         let promise = Promise { payload: payload.id_bits(), ..promise(&key, &message, &extractor) };
-        let receipt = Receipt::seal(ReceiptBody { promise, ..body() }).expect("finite figures");
+        let signer = key.signing_key().expect("an owner's key");
+        let settings = serde_json::json!({ "config": small_config(&key, &model).to_json() });
+        let receipt = Receipt::seal(ReceiptBody { promise, settings, ..body() }, &signer).expect("finite figures");
         receipt.write(&rigged.file("private").join(RECEIPT)).expect("writable");
         rigged
     }
@@ -120,6 +129,16 @@ impl Rigged {
     }
 }
 
+/// Settings of an embedding that is over in a moment.
+pub(super) fn small_config(key: &Key, model: &Model) -> EmbedConfig {
+    EmbedConfig::new(Profile::Draft, ExtractorMode::Blind).with(|config| {
+        config.views.clips = 2;
+        config.views.size_px = (32, 32);
+        config.views = config.views.clone().looking_at(config.views.look_at(model));
+        config.extractor.calibration_mut().expect("fitted").probes = 2 * key.bits();
+    })
+}
+
 /// What a receipt promises of an extractor that reads `message`.
 pub(super) fn promise(key: &Key, message: &Message, extractor: &ExtractorWeights) -> Promise {
     Promise {
@@ -134,16 +153,16 @@ pub(super) fn promise(key: &Key, message: &Message, extractor: &ExtractorWeights
         clip: key.clip,
         preprocess: PREPROCESS.to_owned(),
         thresholds: Thresholds::for_bits(key.bits()),
+        anchor: key.asset().map(|asset| Anchor {
+            asset,
+            reader: reader::digest(key, extractor).expect("shapes fit"),
+            signer: key.public_key(),
+        }),
     }
 }
 
-/// A key file of 16 bits; all have the same random decoder.
-fn key_of(clip: &ClipModel, secret: [u8; 32]) -> TensorFile {
-    key_file_with(clip, secret, BITS, 11)
-}
-
 fn key_bytes(clip: &ClipModel, secret: [u8; 32]) -> Vec<u8> {
-    key_of(clip, secret).to_bytes().expect("serialises")
+    key_file_of(clip, secret, BITS).to_bytes().expect("serialises")
 }
 
 pub(super) fn views() -> [&'static dyn AsRef<OsStr>; 6] {
@@ -165,7 +184,7 @@ pub(super) fn rig(
         calibration: Calibration {
             mean_image: vec![0.0; width],
             // Features have unit length and differ by a few hundredths; bits are to differ by about 1.
-            directions: Random(31).vec_f32(width * key.bits(), -40.0, 40.0),
+            directions: Random(32).vec_f32(width * key.bits(), -6.0, 6.0),
             mean_logits: vec![0.0; key.bits()],
         },
         key_rotation: KeyRotation::FIXED,
@@ -178,10 +197,10 @@ pub(super) fn rig(
     extractor
 }
 
-/// What the panel says of a kind of control, and why the verdict is what it is.
-fn kind_and_reasons(report: &Value, kind: &str) -> (String, String) {
-    let kinds = report["evidence"]["panel"]["kinds"].as_array().expect("a list");
-    let found = kinds.iter().find(|k| k["kind"] == kind).unwrap_or_else(|| panic!("{kind} is not in {kinds:?}"));
+/// What the panel says of a pool of controls, and why the verdict is what it is.
+fn pool_and_reasons(report: &Value, pool: &str) -> (String, String) {
+    let pools = report["evidence"]["panel"]["pools"].as_array().expect("a list");
+    let found = pools.iter().find(|k| k["pool"] == pool).unwrap_or_else(|| panic!("{pool} is not in {pools:?}"));
     (found["state"].as_str().expect("a word").to_owned(), report["evidence"]["reasons"].to_string())
 }
 
@@ -196,37 +215,26 @@ fn without_controls_the_report_says_which_were_not_run() {
         assert_eq!((&panel[others]["num_keys"], &panel[others]["state"]), (&1000.into(), &"quiet".into()), "{panel}");
     }
     let run = rigged.verify_with(&rigged.file("owner.key"), &[]);
-    for words in ["PRESENT", "16 of 16 match (8 frames)", "other keys' messages", "other keys' readings"] {
+    for words in ["PRESENT", "16 of 16 match (8 frames)", "arithmetic: other messages", "the only claim", "free part"] {
         assert!(run.stdout.contains(words), "`{words}` is not in:\n{}", run.stdout);
     }
     assert!(run.stdout.contains("clean render, unrelated clip, other key"), "{}", run.stdout);
 }
 
+/// The rigged extractor is none that any original gives.
 #[test]
-fn an_unmarked_original_is_quiet_and_a_marked_one_forbids_present() {
+fn an_extractor_that_does_not_follow_from_the_original_is_refused() {
     let Some(gpu) = device() else { return };
     let rigged = Rigged::get(&gpu);
-    let verify = |code: i32, model: &Path| {
+    let owner = rigged.file("owner.key");
+    let refused = |model: &Path, code: i32, words: &[&str]| {
         let original: [&dyn AsRef<OsStr>; 2] = [&"--original", &model];
-        rigged.verify(code, &[&original[..], &views()[..]].concat())
+        rigged.verify_with(&owner, &[&original[..], &views()[..]].concat()).refused(code, words);
     };
-    let report = verify(0, rigged.original.path());
-    let (state, reasons) = kind_and_reasons(&report, "clean_render");
-    assert!(state == "quiet" && reasons.contains("passes"), "{state}, {reasons}");
-    assert_eq!(report["evidence"]["panel"]["supplied"][0]["name"], "clean view 0");
-    let report = verify(4, &rigged.file("marked"));
-    let (state, reasons) = kind_and_reasons(&report, "clean_render");
-    assert!(state == "fires" && reasons.contains("control_fires"), "{state}, {reasons}");
-    let chance_deviation = &report["evidence"]["panel"]["supplied"][0]["chance_deviation"];
-    assert_eq!(
-        (&chance_deviation["matches"], &chance_deviation["state"]),
-        (&16.into(), &"fires".into()),
-        "it is the suspect clip: {chance_deviation}"
-    );
-    let nowhere = rigged.file("nowhere");
-    rigged
-        .verify_with(&rigged.file("owner.key"), &[&"--original", &nowhere])
-        .refused(66, &["nowhere: not found", "a 4DGaussians folder"]);
+    let words = ["extractor.safetensors: tmsd.colour_map", "away from what the original gives"];
+    refused(rigged.original.path(), 65, &words);
+    refused(&rigged.file("marked"), 65, &["receipt.json: asset", "the hash of the original given"]);
+    refused(&rigged.file("nowhere"), 66, &["nowhere: not found", "a 4DGaussians folder"]);
 }
 
 #[test]
@@ -238,11 +246,14 @@ fn an_unrelated_clip_is_quiet_unless_it_says_the_message() {
     let grey = Frame::new(64, 64, vec![90; 3 * 64 * 64]).expect("the length fits");
     write_png_folder(&plain, &[(); 8].map(|()| grey.clone())).expect("writable");
     let suspect = rigged.file("suspect");
-    let (state, reasons) = kind_and_reasons(&rigged.verify(0, &[&"--unrelated", &plain]), "unrelated_clip");
+    let (state, reasons) = pool_and_reasons(&rigged.verify(0, &[&"--unrelated", &plain]), "unmarked_films");
     assert!(state == "quiet" && reasons.contains("passes"), "{state}, {reasons}");
     let both: [&dyn AsRef<OsStr>; 4] = [&"--unrelated", &plain, &"--unrelated", &suspect];
-    let (state, reasons) = kind_and_reasons(&rigged.verify(4, &both), "unrelated_clip");
-    assert!(state == "fires" && reasons.contains("control_fires"), "{state}, {reasons}");
+    let (_, reasons) = pool_and_reasons(&rigged.verify(4, &both), "unmarked_films");
+    assert!(reasons.contains("control_fires") && reasons.contains("unrelated clip"), "{reasons}");
+    let twice: [&dyn AsRef<OsStr>; 4] = [&"--unrelated", &plain, &"--unrelated", &plain];
+    let panel = &rigged.verify(0, &twice)["evidence"]["panel"];
+    assert_eq!(panel["pools"][0]["num_readings"], 7, "the program's own six, and one film however often: {panel}");
 }
 
 #[test]
@@ -253,7 +264,7 @@ fn another_key_is_a_control_if_it_is_another_and_as_long() {
     let clip = ClipModel::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
     let owner = rigged.file("owner.key");
     let other = put(folder.path(), "other.key", &key_bytes(&clip, [9; 32]));
-    let (state, reasons) = kind_and_reasons(&rigged.verify(0, &[&"--other-key", &other]), "other_key");
+    let (state, reasons) = pool_and_reasons(&rigged.verify(0, &[&"--other-key", &other]), "other_keys");
     assert!(state == "quiet" && reasons.contains("passes"), "{state}, {reasons}");
     let short = put(folder.path(), "short.key", &key_file(&clip).to_bytes().expect("serialises"));
     let refused = |key: &Path, words: &[&str]| rigged.verify_with(&owner, &[&"--other-key", &key]).refused(2, words);
@@ -272,7 +283,7 @@ fn the_key_must_be_the_one_that_was_committed_to() {
     };
     let words = ["receipt.json: key_id", "the key given"];
     refused("other.key", &key_bytes(&clip, [9; 32]), &words);
-    let mut file = key_of(&clip, [7; 32]);
+    let mut file = key_file_of(&clip, [7; 32], BITS);
     let bias = file.tensors.get_mut("decoder.2.bias").expect("a tensor of keys");
     *bias = Tensor::f32(&[BITS as usize], vec![0.25; BITS as usize]);
     refused(
@@ -280,7 +291,7 @@ fn the_key_must_be_the_one_that_was_committed_to() {
         &sealed(file).to_bytes().expect("serialises"),
         &["receipt.json: decoder", "the key given"],
     );
-    let mut file = key_of(&clip, [7; 32]);
+    let mut file = key_file_of(&clip, [7; 32], BITS);
     file.meta.insert("clip".to_owned(), "0".repeat(64));
     let words = ["foreign.key: clip", "a key made with checkpoint 0000", "one made with checkpoint"];
     refused("foreign.key", &sealed(file).to_bytes().expect("serialises"), &words);

@@ -39,7 +39,7 @@ impl Stand {
         let folder = scratch();
         let clip = ClipModel::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
         put(folder.path(), "owner.key", &key_file(&clip).to_bytes().expect("serialises"));
-        put(folder.path(), "wrong.key", &key_file_of(&clip, [9; 32], 12).to_bytes().expect("serialises"));
+        put(folder.path(), "wrong.key", &key_file_of(&clip, [9; 32], 8).to_bytes().expect("serialises"));
         let out = folder.path().join("out");
         Self { folder, out }
     }

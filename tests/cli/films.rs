@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use guard4d_engine::media::{ReadOptions, read_clip};
 
-use super::controls::Rigged;
+use super::controls::{Film, Rigged};
 use super::{Run, command, guard4d, names, put, scratch};
 use crate::media::ffmpeg;
 use crate::support::gpu::device;
 
 /// How far a film's logits are from zero, so that what resampling and codecs do to its features is less.
-const CLEAR_MARGIN: f32 = 0.6;
+const CLEAR_MARGIN: f32 = 12.0;
 
 /// The marked film of 64 px put into a larger frame, without loss.
 fn framed(rigged: &Rigged, folder: &Path, name: &str, filter: &str) -> PathBuf {
@@ -72,7 +72,8 @@ fn a_marked_film_is_found_after_resizing_bars_and_lossy_codecs() {
     if !crate::support::has_ffmpeg() {
         return;
     }
-    let (rigged, folder) = (Rigged::with_margin(&gpu, "random", 16, CLEAR_MARGIN), scratch());
+    let (rigged, folder) =
+        (Rigged::filmed(&gpu, "random", 16, Film { margin: CLEAR_MARGIN, size: "64x64" }), scratch());
     let frames = rigged.file("suspect");
     let copy = |name: &str, filter: &str, codec: &str| {
         let film = folder.path().join(name);

@@ -15,7 +15,7 @@ use super::controls::Rigged;
 use super::{guard4d, put, scratch};
 use crate::support::fixture::gaussians;
 use crate::support::gpu::device;
-use crate::support::owner::key_file_with;
+use crate::support::owner::key_file_of;
 
 /// Bits that are enough for an id to pass the rate that such short keys are asked for.
 const BITS: u32 = 24;
@@ -66,7 +66,7 @@ fn embedding_a_number_promises_its_kind() {
     let Some(gpu) = device() else { return };
     let folder = scratch();
     let clip = ClipModel::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
-    let key = put(folder.path(), "owner.key", &key_file_with(&clip, [7; 32], BITS, 11).to_bytes().expect("serialises"));
+    let key = put(folder.path(), "owner.key", &key_file_of(&clip, [7; 32], BITS).to_bytes().expect("serialises"));
     let model = put(folder.path(), "model.ply", &ply::encode(&gaussians(60, 1, 3)));
     let out = folder.path().join("out");
     let embed = |message: &str| {
@@ -83,7 +83,8 @@ fn embedding_a_number_promises_its_kind() {
     assert!(run.stdout.contains("the number, best of all"), "{}", run.stdout);
     let receipt = Receipt::read(&out.join("private").join(RECEIPT)).expect("our own receipt");
     assert_eq!(receipt.body.promise.payload, Some(IdBits::Twelve));
-    let prf = Key::read(&key, &clip).expect("our own key").prf();
+    let owner = Key::read(&key, &clip).expect("our own key");
+    let prf = receipt.body.promise.key_for(&owner).expect("of this asset").prf();
     let message = Payload::parse("id:12:1234", BITS).and_then(|payload| payload.message(&prf)).expect("an id");
     assert!(receipt.commits_to(&message, &prf), "to the number's message");
 }
@@ -94,20 +95,23 @@ fn the_receipt_of_another_copy_will_do() {
     let Some(gpu) = device() else { return };
     let rigged = Rigged::new(&gpu, "id:12:7", BITS);
     let clip = ClipModel::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
-    let prf = Key::read(&rigged.file("owner.key"), &clip).expect("our own key").prf();
     let path = rigged.file("private").join(RECEIPT);
     let body = Receipt::read(&path).expect("our own receipt").body;
-    let other = Payload::parse("id:12:99", BITS).and_then(|payload| payload.message(&prf)).expect("an id");
+    let owner = Key::read(&rigged.file("owner.key"), &clip).expect("our own key");
+    let key = body.promise.key_for(&owner).expect("of this asset");
+    let prf = key.prf();
+    let other = Payload::parse("id:12:98", BITS).and_then(|payload| payload.message(&prf)).expect("an id");
     std::fs::remove_file(&path).expect("writable");
     let mut promise = body.promise.clone();
     promise.message_mac = other.commitment(&prf);
-    Receipt::seal(ReceiptBody { promise, ..body }).and_then(|receipt| receipt.write(&path)).expect("writable");
+    let signer = key.signing_key().expect("an owner's key");
+    Receipt::seal(ReceiptBody { promise, ..body }, &signer).and_then(|receipt| receipt.write(&path)).expect("writable");
     let report = rigged.verify(0, &[]);
-    assert_eq!((&report["id"]["id"], &report["id"]["promised"]), (&json!(7), &json!(99)), "{report}");
+    assert_eq!((&report["id"]["id"], &report["id"]["promised"]), (&json!(7), &json!(98)), "{report}");
     assert_eq!(report["id"]["is_promised"], json!(false), "{report}");
     let text = rigged.verify_with(&rigged.file("owner.key"), &[]);
-    assert!(text.stdout.contains("7, not 99, the one of the receipt"), "{}", text.stdout);
+    assert!(text.stdout.contains("7, not 98, the one of the receipt"), "{}", text.stdout);
     // Claimed beforehand, the receipt's id is compared with the clip, and is not there.
-    let claimed = rigged.verify(1, &[&"--message", &"id:12:99"]);
+    let claimed = rigged.verify(1, &[&"--message", &"id:12:98"]);
     assert_eq!(claimed["id"]["id"], json!(7), "what is there is told all the same: {claimed}");
 }

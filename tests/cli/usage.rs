@@ -74,6 +74,7 @@ fn help_shows_what_users_need_in_narrow_lines() {
         "keygen",
         "embed",
         "verify",
+        "disclose",
         "undo",
         "render",
         "attack",

@@ -212,6 +212,6 @@ fn keys_are_shown_without_their_secret() {
     let secret = TensorFile::read(&path).expect("a key").text("secret").expect("its secret").to_owned();
     for run in [guard4d(&[&"inspect", &path]), guard4d(&[&"inspect", &path, &"--json"])] {
         run.done();
-        assert!(run.stdout.contains("guard4d.key/1") && !run.stdout.contains(&secret), "{}", run.stdout);
+        assert!(run.stdout.contains("guard4d.key/2") && !run.stdout.contains(&secret), "{}", run.stdout);
     }
 }

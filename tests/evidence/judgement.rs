@@ -7,11 +7,13 @@ use guard4d_engine::base::prf::{MasterSecret, Prf, Purpose, standard_normal};
 use guard4d_engine::evidence::claim::Claim;
 use guard4d_engine::evidence::control::{ChanceDeviation, Control, ControlKind, ControlState};
 use guard4d_engine::evidence::extractor_mode::ExtractorMode;
-use guard4d_engine::evidence::judgement::{Evidence, PStatement, Reason, Verdict, judge};
+use guard4d_engine::evidence::judgement::{Evidence, PStatement, Verdict, judge};
 use guard4d_engine::evidence::message::Message;
+use guard4d_engine::evidence::negative_controls::Pool;
 use guard4d_engine::evidence::other_keys::{NUM_OTHER_KEYS, OtherKeys};
 use guard4d_engine::evidence::payload::Payload;
 use guard4d_engine::evidence::reading::Reading;
+use guard4d_engine::evidence::reason::Reason;
 use guard4d_engine::evidence::thresholds::{DecisionStatistic, Thresholds};
 
 fn prf() -> Prf {
@@ -54,7 +56,8 @@ fn verify(
     rule: &Thresholds,
 ) -> Evidence {
     let other_keys = other_keys(message.num_bits());
-    let claim = Claim { message: *message, searched: 1, mode, reading, other_keys, side_px: 400, controls };
+    let claim =
+        Claim { message: *message, searched: 1, mode, reading, other_keys, side_px: 400, controls, objections: &[] };
     judge(&claim, rule).expect("lengths and thresholds fit")
 }
 
@@ -121,6 +124,7 @@ fn few_or_small_frames_are_inconclusive_either_way() {
         other_keys,
         side_px: 32,
         controls: &[],
+        objections: &[],
     };
     let evidence = judge(&claim, &rule).expect("lengths fit");
     assert_eq!(evidence.verdict, Verdict::Inconclusive);
@@ -157,10 +161,62 @@ fn many_reciting_clips_fire_together() {
     assert!(evidence.panel.supplied.iter().all(|c| c.chance_deviation.state == ControlState::Quiet), "alone");
     assert_eq!(evidence.verdict, Verdict::Inconclusive);
     let told: Vec<_> = evidence.reasons.iter().map(ToString::to_string).collect();
-    assert!(told.iter().any(|t| t.contains("unrelated clip") && t.contains("of 1000")), "{told:?}");
+    assert!(told.iter().any(|t| t.contains("all films without a mark") && t.contains("of 16000 bits")), "{told:?}");
     let noises = [noise(16, 8, 1), noise(16, 8, 3), noise(16, 8, 5)];
     let quiet = noises.map(|reading| control(ControlKind::UnrelatedClip, reading, message));
     assert_eq!(verify(&message, ExtractorMode::Blind, &suspect, &quiet, &rule).verdict, Verdict::Present);
+}
+
+/// Six views of an original that each say most of the message, and none of them so much that it would fire alone.
+#[test]
+fn clean_renders_that_lean_towards_the_message_fire_together() {
+    let message = owner(16);
+    let rule = Thresholds { fpr: 1e-3, ..Thresholds::default() };
+    let suspect = says(&message, 0, 8);
+    let view = |wrong: u128| says(&Message::from_value(message.value() ^ wrong, 16).expect("16 bits"), 0, 8);
+    // 13, 14, 14, 13, 14 and 10 of 16 bits, wrong in another place each.
+    let wrong = [0b111, 0b11 << 3, 0b11 << 5, 0b111 << 7, 0b11 << 10, 0b11_1111 << 10];
+    let views = wrong.map(|wrong| control(ControlKind::CleanRender, view(wrong), message));
+    let evidence = verify(&message, ExtractorMode::Blind, &suspect, &views, &rule);
+    assert!(evidence.panel.supplied.iter().all(|c| c.chance_deviation.state == ControlState::Quiet), "alone");
+    let pool = evidence.panel.pools[0];
+    assert_eq!((pool.pool, pool.num_readings, pool.matches, pool.num_bits), (Pool::CleanRenders, 6, 78, 96));
+    // No bit is wrong in most views: one message of 2^16 agrees with all votes, and one with none.
+    assert_eq!((pool.p_value, pool.state), (2.0 / 65536.0, ControlState::Fires));
+    assert_eq!(evidence.verdict, Verdict::Inconclusive, "{:?}", evidence.reasons);
+    // The same word in all views is one coincidence and not six: it is judged as one reading would be.
+    let alike = [0; 6].map(|_| control(ControlKind::CleanRender, view(0b111), message));
+    let evidence = verify(&message, ExtractorMode::Blind, &suspect, &alike, &rule);
+    let p: f64 = (0..=3u32).map(|wrong| [1.0, 16.0, 120.0, 560.0][wrong as usize]).sum::<f64>() / 65536.0;
+    assert!((evidence.panel.pools[0].p_value - 2.0 * p).abs() < 1e-15, "{:?}", evidence.panel.pools[0]);
+}
+
+/// What is not committed, or read through a CLIP that anybody could have made, is never present.
+#[test]
+fn objections_forbid_present_and_leave_absent() {
+    let message = owner(32);
+    let (rule, other_keys) = (Thresholds::default(), other_keys(32));
+    for objection in
+        [Reason::NotCommitted { schema: "guard4d.receipt/2".to_owned() }, Reason::UnknownClip { clip: "00".repeat(32) }]
+    {
+        for (reading, verdict) in [(says(&message, 0, 8), Verdict::Inconclusive), (noise(32, 8, 1), Verdict::Absent)] {
+            let claim = Claim {
+                message,
+                searched: 1,
+                mode: ExtractorMode::Blind,
+                reading: &reading,
+                other_keys,
+                side_px: 400,
+                controls: &[],
+                objections: std::slice::from_ref(&objection),
+            };
+            let evidence = judge(&claim, &rule).expect("lengths fit");
+            assert_eq!(evidence.verdict, verdict, "{:?}", evidence.reasons);
+            assert!(evidence.reasons.contains(&objection), "{:?}", evidence.reasons);
+            let is_exact = matches!(evidence.p_value, PStatement::Exact { .. });
+            assert_eq!(is_exact, matches!(objection, Reason::UnknownClip { .. }), "{:?}", evidence.p_value);
+        }
+    }
 }
 
 /// Clean renders of a sound extractor forbid "present" no more often than promised.
@@ -230,6 +286,7 @@ fn other_keys_read_by_their_own_calibration() {
             other_keys,
             side_px: 400,
             controls: &[],
+            objections: &[],
         };
         judge(&claim, &Thresholds::default()).expect("lengths fit").panel
     };
@@ -317,6 +374,7 @@ fn poison_and_wrong_lengths_are_errors() {
         other_keys: other_keys(16),
         side_px: 400,
         controls: &[],
+        objections: &[],
     };
     let refused = |claim: &Claim<'_>| judge(claim, &Thresholds::default()).expect_err("refused").exit_code();
     assert_eq!(refused(&claim), 2, "a message of another length than the clip's");
@@ -395,6 +453,7 @@ fn a_message_found_by_search_pays_for_the_search() {
         other_keys: other_keys(48),
         side_px: 400,
         controls: &[],
+        objections: &[],
     };
     let alone = judge(&fixed, &rule).expect("fits");
     let PStatement::Exact { matches: p, .. } = alone.p_value else { panic!("fixed beforehand") };

@@ -195,7 +195,7 @@ fn copies_of_other_owners_are_read_one_by_one_and_together() {
     let subject = owner.subject(&gpu);
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("other.key");
-    let file = key_file_of(&owner.clip, [9; 32], 12);
+    let file = key_file_of(&owner.clip, [9; 32], BITS);
     std::fs::write(&path, file.to_bytes().expect("serialises")).expect("writable");
     let other_key = Key::read(&path, &owner.clip).expect("the key fits the checkpoint");
     let other_message = other_key.own_message();

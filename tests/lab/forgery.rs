@@ -3,7 +3,8 @@
 use guard4d_engine::base::output::Existing;
 use guard4d_engine::evidence::control::ControlKind;
 use guard4d_engine::evidence::extractor_mode::ExtractorMode;
-use guard4d_engine::evidence::judgement::{PStatement, Reason, Verdict};
+use guard4d_engine::evidence::judgement::{PStatement, Verdict};
+use guard4d_engine::evidence::reason::Reason;
 use guard4d_engine::evidence::thresholds::Thresholds;
 use guard4d_engine::media::Frame;
 use guard4d_engine::release::evaluate::HeldOut;
@@ -45,7 +46,7 @@ pub(crate) fn forged(gpu: &Device, owner: &Owner, clips: &[Vec<Frame>]) -> Forge
 #[test]
 fn a_forged_extractor_makes_an_unmarked_clip_speak_and_convinces_nobody() {
     let Some(gpu) = device() else { return };
-    let owner = Owner::reading(&gpu, BITS);
+    let owner = Owner::with_bits(&gpu, BITS);
     let subject = owner.subject(&gpu);
     // Nothing was ever written into this model.
     let film = HeldOut::render(&gpu, &owner.model, &owner.model.gaussians.sh_coeffs, &cameras()).expect("films");
@@ -60,8 +61,9 @@ fn a_forged_extractor_makes_an_unmarked_clip_speak_and_convinces_nobody() {
     let said = cross_examine(&subject, &forgery.extractor, &film, &witnesses).expect("reads");
     assert!(matches!(said.evidence.p_value, PStatement::Empirical { .. }), "{:?}", said.evidence.p_value);
     assert_eq!(said.evidence.verdict, Verdict::Inconclusive, "{:?}", said.evidence.reasons);
-    let fires = |kind| {
-        let of_kind = |reason: &Reason| matches!(reason, Reason::ControlFires { control, .. } if *control == kind);
+    let fires = |kind: ControlKind| {
+        let of_kind =
+            |reason: &Reason| matches!(reason, Reason::ControlFires { control, .. } if *control == kind.to_string());
         said.evidence.reasons.iter().any(of_kind)
     };
     assert!(fires(ControlKind::CleanRender), "{:?}", said.evidence.reasons);
@@ -72,7 +74,7 @@ fn a_forged_extractor_makes_an_unmarked_clip_speak_and_convinces_nobody() {
 #[test]
 fn a_forged_extractor_cannot_call_itself_blind() {
     let Some(gpu) = device() else { return };
-    let owner = Owner::reading(&gpu, BITS);
+    let owner = Owner::with_bits(&gpu, BITS);
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("extractor.safetensors");
     let start = untrained(&gpu, &owner);

@@ -22,7 +22,7 @@ const CLAIMS: usize = 500;
 
 /// Coordinates of unmarked clips along the pretrained extractor's directions, before any key mixes them `[clips][L]`.
 fn unmarked(gpu: &Gpu) -> Vec<Vec<f64>> {
-    let owner = Owner::reading(gpu, BITS as u32);
+    let owner = Owner::with_bits(gpu, BITS as u32);
     let config = EmbedConfig::new(Profile::Draft, ExtractorMode::Pretrained).with(|c| {
         c.views.clips = 12;
         c.views.size_px = (64, 64);

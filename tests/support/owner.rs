@@ -5,8 +5,8 @@ use std::sync::OnceLock;
 
 use guard4d_engine::base::digest::Digest;
 use guard4d_engine::base::output::Existing;
-use guard4d_engine::base::prf::{MasterSecret, Prf};
-use guard4d_engine::base::tensor_file::{Tensor, TensorFile};
+use guard4d_engine::base::prf::MasterSecret;
+use guard4d_engine::base::tensor_file::TensorFile;
 use guard4d_engine::evidence::extractor_mode::ExtractorMode;
 use guard4d_engine::evidence::message::Message;
 use guard4d_engine::networks::clip::{ClipModel, ClipSource};
@@ -15,25 +15,26 @@ use guard4d_engine::scene::camera::paths::{Lens, Orbit};
 use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{CameraSet, FrameSize, Model};
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, Subject};
-use guard4d_engine::watermark::key::decoder::DecoderWeights;
-use guard4d_engine::watermark::key::owner_key::{Key, digest_of};
-use guard4d_engine::watermark::key::tokens::{TokenTable, Vocabulary};
+use guard4d_engine::watermark::key::owner_key::Key;
 use guard4d_kernels::Device;
+use nalgebra::DMatrix;
 
 use super::gpu::Gpu;
-use super::random::Random;
 
 /// Message bits of the key.
 pub(crate) const BITS: u32 = 8;
 /// Side of the training frames in pixels.
 const SIDE_PX: u32 = 64;
 const SECRET: [u8; 32] = [7; 32];
-/// Logit of a written bit of [`reading_key_file`].
+/// Logit of a written bit of [`key_of`].
 const LOGIT_PER_CODE: f32 = 6.0;
 
-/// Everything an embedding needs, made in a moment: the key's decoder is random instead of trained.
+/// Everything an embedding needs, made in a moment: the key's decoder is computed instead of trained.
 pub(crate) struct Owner {
     pub(crate) clip: ClipModel,
+    /// Of all assets.
+    pub(crate) owner_key: Key,
+    /// Of the model.
     pub(crate) key: Key,
     pub(crate) scene: DemoScene,
     pub(crate) model: Model,
@@ -43,22 +44,16 @@ pub(crate) struct Owner {
 
 impl Owner {
     pub(crate) fn new(gpu: &Gpu) -> Self {
-        Self::with_key(gpu, key_file)
+        Self::with_bits(gpu, BITS)
     }
 
-    /// With a key that reads, of `bits` bits.
-    pub(crate) fn reading(gpu: &Gpu, bits: u32) -> Self {
-        Self::with_key(gpu, |clip| reading_key_file(clip, SECRET, bits))
-    }
-
-    fn with_key(gpu: &Gpu, key_file: impl Fn(&ClipModel) -> TensorFile) -> Self {
+    /// With a key of `bits` bits.
+    pub(crate) fn with_bits(gpu: &Gpu, bits: u32) -> Self {
         let clip = ClipModel::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
-        let folder = tempfile::tempdir().expect("a temporary folder can be made");
-        let path = folder.path().join("owner.key");
-        std::fs::write(&path, key_file(&clip).to_bytes().expect("serialises")).expect("writable");
-        let key = Key::read(&path, &clip).expect("the key fits the checkpoint");
+        let owner_key = key_of(&clip, SECRET, bits);
         let scene = DemoScene::unpack().expect("the scene unpacks");
         let model = Model::open(scene.path()).expect("the scene opens");
+        let key = owner_key.for_asset(model.digest()).expect("an owner's key");
         let message = key.own_message();
         let config = EmbedConfig::new(Profile::Draft, ExtractorMode::Blind).with(|c| {
             c.optimiser.steps = 4;
@@ -68,7 +63,7 @@ impl Owner {
             c.seed = 5;
             c.optimiser.held_out_every = 0;
         });
-        Self { clip, key, scene, model, message, config }
+        Self { clip, owner_key, key, scene, model, message, config }
     }
 
     /// The same settings with an extractor of this mode: of as many probes and the same copies, and trained from the
@@ -112,70 +107,42 @@ pub(crate) fn cameras() -> CameraSet {
     orbit.cameras().expect("an orbit").at_times(&[0.0, 0.5])
 }
 
-/// The owner's key file; its decoder is random.
+/// The owner's key file.
 pub(crate) fn key_file(clip: &ClipModel) -> TensorFile {
-    key_file_of(clip, SECRET, 11)
+    key_file_of(clip, SECRET, BITS)
 }
 
-/// The key file of anyone, of [`BITS`] bits; its decoder is drawn from `seed`.
-pub(crate) fn key_file_of(clip: &ClipModel, secret: [u8; 32], seed: u64) -> TensorFile {
-    key_file_with(clip, secret, BITS, seed)
+/// The key file of anyone, of any length.
+pub(crate) fn key_file_of(clip: &ClipModel, secret: [u8; 32], bits: u32) -> TensorFile {
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    let path = folder.path().join("owner.key");
+    key_of(clip, secret, bits).write(&path, Existing::Refuse).expect("writable");
+    TensorFile::read(&path).expect("written above")
 }
 
-/// The same of any length.
-pub(crate) fn key_file_with(clip: &ClipModel, secret: [u8; 32], bits: u32, seed: u64) -> TensorFile {
-    let hex: String = secret.iter().map(|byte| format!("{byte:02x}")).collect();
-    let secret = MasterSecret::from_bytes(secret);
-    let (text, width) = (&clip.config().text_config, clip.config().projection_dim);
-    let vocabulary = Vocabulary { size: text.vocab_size as u32, context: text.max_position_embeddings as u32 };
-    let table = TokenTable::derive(&Prf::new(&secret), vocabulary, bits).expect("the vocabulary is large");
-    let mut file = TensorFile::default();
-    let entries = [("format", "guard4d.key/1".to_owned()), ("bits", bits.to_string())];
-    file.meta.extend(entries.map(|(name, text)| (name.to_owned(), text)));
-    file.meta.insert("clip".to_owned(), digest_of(clip).to_string());
-    file.meta.insert("secret".to_owned(), hex);
-    let ids = table.ids().as_flattened().to_vec();
-    file.tensors.insert("token_table".to_owned(), Tensor::u32(&[bits as usize, 2], ids));
-    let mut random = Random(seed);
-    let mut add = |name: String, shape: &[usize], size: f32| {
-        let values = random.vec_f32(shape.iter().product(), -size, size);
-        file.tensors.insert(name, Tensor::f32(shape, values));
-    };
-    add("text_mean".to_owned(), &[width], 0.05);
-    add("codes".to_owned(), &[bits as usize, width], 0.05);
-    for (i, (inputs, outputs)) in DecoderWeights::sizes(width, bits as usize).into_iter().enumerate() {
-        add(format!("decoder.{i}.weight"), &[outputs, inputs], 0.1);
-        add(format!("decoder.{i}.bias"), &[outputs], 0.1);
-    }
-    sealed(file)
-}
-
-/// The same with a decoder that reads: its logits are what a linear map makes of the codes, so that nothing needs
-/// training.
-///
-/// Each bit has two hidden units of opposite sign, and GELU(x) − GELU(−x) = x.
-pub(crate) fn reading_key_file(clip: &ClipModel, secret: [u8; 32], bits: u32) -> TensorFile {
-    let mut file = key_file_with(clip, secret, bits, 11);
-    let (bits, width) = (bits as usize, clip.config().projection_dim);
-    let codes = file.finite("codes", &[bits, width]).expect("a tensor of keys").to_vec();
-    let sizes = DecoderWeights::sizes(width, bits);
-    let mut layers = sizes.map(|(inputs, outputs)| vec![0.0; inputs * outputs]);
-    for (bit, code) in codes.chunks_exact(width).enumerate() {
-        let square: f32 = code.iter().map(|c| c * c).sum();
-        for (hidden, sign) in [(2 * bit, 1.0), (2 * bit + 1, -1.0)] {
-            for (weight, c) in layers[0][hidden * width..][..width].iter_mut().zip(code) {
-                *weight = sign * LOGIT_PER_CODE * c / square;
-            }
-            layers[1][hidden * sizes[1].0 + 2 * bit] = sign;
-            layers[1][hidden * sizes[1].0 + 2 * bit + 1] = -sign;
-            layers[2][bit * sizes[2].0 + hidden] = sign;
+/// Anyone's key with a decoder that reads without training: its logits are what a linear map makes of text features,
+/// the one that gives back each bit's part in them.
+pub(crate) fn key_of(clip: &ClipModel, secret: [u8; 32], bits: u32) -> Key {
+    let mut key = Key::untrained(clip, MasterSecret::from_bytes(secret), bits).expect("the vocabulary is large");
+    let (bits, width) = (key.bits(), key.text_mean.len());
+    let codes = DMatrix::from_row_slice(bits, width, &key.codes);
+    let inverse = codes.pseudo_inverse(1e-6).expect("codes differ");
+    let layers = &mut key.decoder.layers;
+    let hidden = layers[0].outputs;
+    for bit in 0..bits {
+        let column = inverse.column(bit) * LOGIT_PER_CODE;
+        let middle = column.iter().zip(&key.text_mean).map(|(w, m)| w * m).sum::<f32>();
+        // Each bit has two hidden units of opposite sign, and GELU(x) - GELU(-x) = x.
+        for (unit, sign) in [(2 * bit, 1.0), (2 * bit + 1, -1.0)] {
+            let row = &mut layers[0].weight[unit * width..][..width];
+            row.iter_mut().zip(column.iter()).for_each(|(weight, w)| *weight = sign * w);
+            layers[0].bias[unit] = -sign * middle;
+            layers[1].weight[unit * hidden + 2 * bit] = sign;
+            layers[1].weight[unit * hidden + 2 * bit + 1] = -sign;
+            layers[2].weight[bit * hidden + unit] = sign;
         }
     }
-    for (i, (layer, (inputs, outputs))) in layers.into_iter().zip(sizes).enumerate() {
-        file.tensors.insert(format!("decoder.{i}.weight"), Tensor::f32(&[outputs, inputs], layer));
-        file.tensors.insert(format!("decoder.{i}.bias"), Tensor::f32(&[outputs], vec![0.0; outputs]));
-    }
-    sealed(file)
+    key
 }
 
 /// A key file with the hash of its content as it is now.
@@ -195,7 +162,7 @@ pub(crate) fn delivered(gpu: &Gpu) -> &'static Path {
             std::fs::remove_dir_all(&folder).expect("an earlier run's folder can be removed");
         }
         let owner = Owner::new(gpu);
-        owner.key.write(&folder.join("owner.key"), Existing::Refuse).expect("writable");
+        owner.owner_key.write(&folder.join("owner.key"), Existing::Refuse).expect("writable");
         let mut embedding = owner.prepare(gpu);
         embedding.step().expect("steps");
         owner.deliver(gpu, &embedding.finish().expect("finishes"), &folder.join("out"));

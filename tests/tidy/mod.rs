@@ -7,6 +7,6 @@ mod kernels;
 mod mirror;
 mod parameters;
 mod rooms;
-mod sources;
+pub(crate) mod sources;
 mod text;
 mod words;

@@ -9,7 +9,7 @@ use crate::support::files_below;
 /// Folders of handwritten Rust.
 const RUST_TREES: [&str; 6] = ["cli", "engine/src", "kernels/build", "kernels/src", "tests", "benches"];
 
-pub(super) fn root() -> &'static Path {
+pub(crate) fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 

@@ -128,6 +128,7 @@ fn evidence(
         other_keys: &OtherKeys::derive(&prf, &extractor.calibration.coordinates(&clip_features.features))?,
         side_px: sides.min().unwrap_or(0),
         controls,
+        objections: &[],
     };
     judge(&claim, &Thresholds::for_bits(subject.key.bits()))
 }

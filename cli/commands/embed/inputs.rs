@@ -8,6 +8,7 @@ use guard4d_engine::evidence::id_code::IdBits;
 use guard4d_engine::evidence::message::Message;
 use guard4d_engine::evidence::payload::Payload;
 use guard4d_engine::networks::clip::{ClipModel, ClipSource};
+use guard4d_engine::release::delivery;
 use guard4d_engine::release::gate::Gate;
 use guard4d_engine::scene::{CameraSet, Model};
 use guard4d_engine::watermark::embed::{EmbedConfig, Subject};
@@ -43,21 +44,24 @@ impl Inputs {
     ) -> Result<Self, EngineError> {
         let device = device::open(common)?;
         let clip = device::load_clip(&device, &ClipSource::from_argument(&what.clip), common)?;
-        let key = Key::read(key, &clip)?;
-        let bits = u32::try_from(key.bits()).unwrap_or(u32::MAX);
+        let owner = Key::read(key, &clip)?;
+        let bits = u32::try_from(owner.bits()).unwrap_or(u32::MAX);
         let payload = Payload::parse(&what.message, bits)?;
         let Settings { mut config, job } = settings;
         config.open_weights()?;
         let searched = payload.id_bits().map_or(1, IdBits::num_ids).saturating_mul(config.extractor.rotations());
-        let gate = gate(&job.gate, key.bits(), searched)?;
+        let gate = gate(&job.gate, owner.bits(), searched)?;
         let config = match job.run.fit {
-            Fit::Auto => config.adaptive(gate.aim(), key.bits()),
+            Fit::Auto => config.adaptive(gate.aim(), owner.bits()),
             Fit::Full => config,
         };
         let open = if job.run.lossy { model::open_lossy } else { model::open };
         let model = open(path, common)?;
         // Files that cannot be written in place are refused before the work, not after it.
         model.check_writable()?;
+        let key = owner.for_asset(model.digest())?;
+        // Who cannot sign the receipt is told before the work, too.
+        delivery::signer_of(&key, model.digest())?;
         let message = payload.message(&key.prf())?;
         let look_at = config.views.look_at(&model);
         let config = config.with(|config| config.views = config.views.clone().looking_at(look_at));

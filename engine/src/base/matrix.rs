@@ -17,3 +17,13 @@ pub fn row_major(matrix: &DMatrix<f64>) -> Vec<f32> {
 pub fn single(value: f64) -> f32 {
     value as f32
 }
+
+/// ‖a − b‖ / ‖b‖; infinite for different lengths, NaN for values that are none.
+pub fn share_apart(own: &[f32], known: &[f32]) -> f64 {
+    if own.len() != known.len() {
+        return f64::INFINITY;
+    }
+    let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
+    let apart = norm(&mut own.iter().zip(known).map(|(a, b)| f64::from(*a) - f64::from(*b)));
+    apart / norm(&mut known.iter().map(|v| f64::from(*v)))
+}

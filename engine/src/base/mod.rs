@@ -13,4 +13,5 @@ pub mod output;
 pub mod prf;
 pub mod rotation;
 pub mod schedule;
+pub mod signature;
 pub mod tensor_file;

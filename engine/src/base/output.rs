@@ -72,15 +72,35 @@ impl AtomicFile {
         Ok(Self { file, partial })
     }
 
+    /// The same for a secret: where the system knows owners of files, nobody else can read it, from its first byte on.
+    ///
+    /// # Errors
+    /// Those of [`AtomicFile::create`].
+    pub fn create_private(target: &Path, existing: Existing) -> Result<Self, EngineError> {
+        let (partial, file) = Partial::create(target, existing, create_private_file)?;
+        Ok(Self { file, partial })
+    }
+
+    /// Writes `bytes` to `target` as one atomic output that only its owner can read.
+    ///
+    /// # Errors
+    /// Those of [`AtomicFile::create`] and [`AtomicFile::commit`].
+    pub fn write_private(target: &Path, existing: Existing, bytes: &[u8]) -> Result<(), EngineError> {
+        Self::create_private(target, existing)?.finish(bytes)
+    }
+
     /// Writes `bytes` to `target` as one atomic output.
     ///
     /// # Errors
     /// Those of [`AtomicFile::create`] and [`AtomicFile::commit`].
     pub fn write(target: &Path, existing: Existing, bytes: &[u8]) -> Result<(), EngineError> {
-        let mut output = Self::create(target, existing)?;
-        let written = output.file.write_all(bytes);
-        written.map_err(|source| io_error(&output.partial.path, source))?;
-        output.commit()
+        Self::create(target, existing)?.finish(bytes)
+    }
+
+    fn finish(mut self, bytes: &[u8]) -> Result<(), EngineError> {
+        let written = self.file.write_all(bytes);
+        written.map_err(|source| io_error(&self.partial.path, source))?;
+        self.commit()
     }
 
     /// The partial file's path, for programs that open it themselves.
@@ -186,6 +206,28 @@ impl Drop for Partial {
             tracing::warn!(path = %self.path.display(), %error, "partial output was not removed");
         }
     }
+}
+
+/// A folder for secrets, with its parents: where the system knows owners of files, nobody else can look into it.
+///
+/// # Errors
+/// [`EngineError::CannotCreate`] if the place is not writable.
+pub fn create_private_dir(path: &Path) -> Result<(), EngineError> {
+    let mut builder = fs::DirBuilder::new();
+    builder.recursive(true);
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder
+        .create(path)
+        .map_err(|error| EngineError::CannotCreate { path: path.to_path_buf(), reason: error.to_string() })
+}
+
+fn create_private_file(path: &Path) -> std::io::Result<File> {
+    let mut options = File::options();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    options.open(path)
 }
 
 fn io_error(path: &Path, source: std::io::Error) -> EngineError {

@@ -9,7 +9,9 @@ use rand::TryRng;
 use rand::rngs::SysRng;
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
+use secrecy::{ExposeSecret as _, SecretBox};
 use serde::{Deserialize, Serialize};
+use zeroize::Zeroizing;
 
 use super::digest::Digest;
 use crate::error::EngineError;
@@ -17,15 +19,15 @@ use crate::error::EngineError;
 /// BLAKE3 key-derivation context; a change of any derivation below needs a new one.
 const CONTEXT: &str = "guard4d 2026 master secret to prf key, version 1";
 
-/// The owner's 32 secret bytes, from which a key file's other content can be recomputed.
-#[derive(Clone, PartialEq, Eq)]
-pub struct MasterSecret([u8; 32]);
+/// 32 secret bytes: the owner's, from which all else follows, or some that follow from them. Their memory is wiped when
+/// they are dropped.
+pub struct MasterSecret(SecretBox<[u8; 32]>);
 
 impl MasterSecret {
     /// Wraps 32 secret bytes, for instance those of a key file.
     #[must_use]
-    pub const fn from_bytes(bytes: [u8; 32]) -> Self {
-        Self(bytes)
+    pub fn from_bytes(bytes: [u8; 32]) -> Self {
+        Self(SecretBox::new(Box::new(bytes)))
     }
 
     /// Draws a secret from the operating system's random source.
@@ -33,20 +35,34 @@ impl MasterSecret {
     /// # Errors
     /// [`EngineError::Program`] if the system has no working random source.
     pub fn generate() -> Result<Self, EngineError> {
-        let mut bytes = [0; 32];
-        SysRng.try_fill_bytes(&mut bytes).map_err(|error| EngineError::Program {
+        let mut bytes = Zeroizing::new([0; 32]);
+        SysRng.try_fill_bytes(&mut *bytes).map_err(|error| EngineError::Program {
             program: "system random source".to_owned(),
             reason: error.to_string(),
         })?;
-        Ok(Self(bytes))
+        Ok(Self::from_bytes(*bytes))
     }
 
     /// The secret bytes, for writing a key file.
     #[must_use]
-    pub const fn expose(&self) -> &[u8; 32] {
-        &self.0
+    pub fn expose(&self) -> &[u8; 32] {
+        self.0.expose_secret()
     }
 }
+
+impl Clone for MasterSecret {
+    fn clone(&self) -> Self {
+        Self::from_bytes(*self.expose())
+    }
+}
+
+impl PartialEq for MasterSecret {
+    fn eq(&self, other: &Self) -> bool {
+        self.expose() == other.expose()
+    }
+}
+
+impl Eq for MasterSecret {}
 
 impl fmt::Debug for MasterSecret {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -98,6 +114,14 @@ pub enum Purpose {
     SwapMessage,
     /// Scenes that a pretrained extractor is made from.
     Scenes,
+    /// Secret that a key's token table and decoder follow from.
+    ReaderSecret,
+    /// Secrets of single assets.
+    AssetSecret,
+    /// Seed of the key that signs receipts.
+    SigningSeed,
+    /// Messages whose text features the bits' codes are measured on.
+    CodeMessages,
     /// MAC over the embedded message.
     MessageMac,
     /// Public key identifier.
@@ -122,6 +146,10 @@ impl Purpose {
             Self::OtherKeys => "other-keys",
             Self::SwapMessage => "swap-message",
             Self::Scenes => "scenes",
+            Self::ReaderSecret => "reader-secret",
+            Self::AssetSecret => "asset-secret",
+            Self::SigningSeed => "signing-seed",
+            Self::CodeMessages => "code-messages",
             Self::MessageMac => "message-mac",
             Self::KeyId => "key-id",
         }
@@ -131,7 +159,7 @@ impl Purpose {
 /// Keyed pseudo-random function of one master secret.
 #[derive(Clone)]
 pub struct Prf {
-    key: [u8; 32],
+    key: Zeroizing<[u8; 32]>,
 }
 
 impl fmt::Debug for Prf {
@@ -144,7 +172,7 @@ impl Prf {
     /// Derives the PRF's key from the master secret.
     #[must_use]
     pub fn new(secret: &MasterSecret) -> Self {
-        Self { key: blake3::derive_key(CONTEXT, secret.expose()) }
+        Self { key: Zeroizing::new(blake3::derive_key(CONTEXT, secret.expose())) }
     }
 
     /// A random stream for one purpose; `index` separates streams of the same purpose.
@@ -167,6 +195,12 @@ impl Prf {
         hasher.update(label);
         hasher.update(data);
         Digest::from_bytes(*hasher.finalize().as_bytes())
+    }
+
+    /// A secret for one purpose, which says nothing about this one or about others of that purpose.
+    #[must_use]
+    pub fn secret(&self, purpose: Purpose, data: &[u8]) -> MasterSecret {
+        MasterSecret::from_bytes(*self.mac(purpose, data).as_bytes())
     }
 
     /// The key's public name.

@@ -1,10 +1,12 @@
 //! Controls beside a question: clips that carry no mark, and keys that had no part in it.
 
-use std::path::PathBuf;
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
 
 use guard4d_kernels::Device;
 
 use super::clip_reader::ClipReader;
+use crate::base::digest::Digest;
 use crate::error::EngineError;
 use crate::evidence::control::{Control, ControlKind};
 use crate::evidence::message::Message;
@@ -23,30 +25,67 @@ pub struct OtherKey {
     pub key: Key,
 }
 
-/// Clips that carry no mark, to be compared with `message`: `unrelated` videos, and clips of `clean` frames.
+/// Clips that carry no mark.
+pub(super) struct Unmarked<'a> {
+    /// Videos, each once.
+    pub(super) unrelated: &'a [PathBuf],
+    /// Renders of the unmarked asset.
+    pub(super) clean: &'a [Vec<Frame>],
+    /// Those of [`super::own_clips`].
+    pub(super) own: &'a [Vec<Frame>],
+}
+
+impl Unmarked<'_> {
+    /// Reads all of them, to be compared with `message`.
+    ///
+    /// # Errors
+    /// Those of reading a clip.
+    pub(super) fn read(&self, reader: &mut ClipReader<'_>, message: Message) -> Result<Vec<Control>, EngineError> {
+        let mut controls = Vec::new();
+        let mut add = |kind, name, logits: &[f32]| {
+            let reading = Reading::from_logits(logits, message.num_bits())?;
+            controls.push(Control { kind, name, reading, message });
+            Ok::<_, EngineError>(())
+        };
+        for path in self.unrelated {
+            let logits = reader.plain_video(path)?.logits;
+            add(ControlKind::UnrelatedClip, path.display().to_string(), &logits)?;
+        }
+        for (i, frames) in self.clean.iter().enumerate() {
+            add(ControlKind::CleanRender, format!("clean view {i}"), &reader.logits(frames)?)?;
+        }
+        for (i, frames) in self.own.iter().enumerate() {
+            add(ControlKind::OwnClip, format!("procedural scene {i}"), &reader.logits(frames)?)?;
+        }
+        Ok(controls)
+    }
+}
+
+/// The videos and folders among `paths`, one of each content: a film that is given again is no further control.
 ///
 /// # Errors
-/// Those of reading a clip.
-pub(super) fn read_unmarked(
-    reader: &mut ClipReader<'_>,
-    unrelated: &[PathBuf],
-    clean: &[Vec<Frame>],
-    message: Message,
-) -> Result<Vec<Control>, EngineError> {
-    let mut controls = Vec::new();
-    let mut add = |kind, name, logits: &[f32]| {
-        let reading = Reading::from_logits(logits, message.num_bits())?;
-        controls.push(Control { kind, name, reading, message });
-        Ok::<_, EngineError>(())
-    };
-    for path in unrelated {
-        let logits = reader.plain_video(path)?.logits;
-        add(ControlKind::UnrelatedClip, path.display().to_string(), &logits)?;
+/// [`EngineError::MissingInput`] or [`EngineError::Io`] naming the file.
+pub(super) fn unrelated_once(paths: &[PathBuf]) -> Result<Vec<PathBuf>, EngineError> {
+    let (mut seen, mut once) = (HashSet::new(), Vec::new());
+    for path in paths {
+        if seen.insert(content(path)?) {
+            once.push(path.clone());
+        }
     }
-    for (i, frames) in clean.iter().enumerate() {
-        add(ControlKind::CleanRender, format!("clean view {i}"), &reader.logits(frames)?)?;
+    Ok(once)
+}
+
+/// Hash of a file, or of all files of a folder, by the frames' order.
+fn content(path: &Path) -> Result<Digest, EngineError> {
+    if !path.is_dir() {
+        return Digest::of_file(path);
     }
-    Ok(controls)
+    let io = |source| EngineError::Io { path: path.to_path_buf(), source };
+    let entries = std::fs::read_dir(path).map_err(io)?.collect::<Result<Vec<_>, _>>().map_err(io)?;
+    let mut files: Vec<PathBuf> = entries.into_iter().map(|entry| entry.path()).filter(|path| path.is_file()).collect();
+    files.sort();
+    let hashes = files.iter().map(|file| Digest::of_file(file)).collect::<Result<Vec<_>, _>>()?;
+    Ok(Digest::of(hashes.iter().map(Digest::to_string).collect::<String>().as_bytes()))
 }
 
 impl OtherKey {
@@ -63,6 +102,10 @@ impl OtherKey {
         features: &[f32],
     ) -> Result<Control, EngineError> {
         let Self { name, key } = self;
+        let key = &match owner.asset() {
+            Some(asset) => key.for_asset(asset)?,
+            None => key.clone(),
+        };
         let usage = |got: String, expected: String| {
             Err(EngineError::Usage { what: format!("other key {name}"), got, expected })
         };
@@ -70,7 +113,7 @@ impl OtherKey {
         if key.num_bits() != num_bits {
             return usage(format!("{} bits", key.num_bits()), format!("{num_bits} bits like the owner's"));
         }
-        if key.prf().key_id() == owner.prf().key_id() {
+        if key.public_key() == owner.public_key() {
             let expected = "a key that had no part in the embedding";
             return usage("the owner's key".to_owned(), expected.to_owned());
         }

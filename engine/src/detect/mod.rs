@@ -3,8 +3,11 @@
 mod choice;
 mod clip_reader;
 pub mod controls;
+pub mod free_part;
 mod opened;
+pub mod own_clips;
 pub mod report;
+pub mod request;
 pub mod sought;
 pub mod suspect;
 pub mod verify;

@@ -2,15 +2,17 @@
 
 use std::path::Path;
 
-use super::sought::{Promised, Sought};
+use super::request::VerifyRequest;
+use super::sought::Promised;
 use crate::base::digest::Digest;
 use crate::base::files::bad_data;
 use crate::error::EngineError;
 use crate::evidence::extractor_mode::ExtractorMode;
+use crate::evidence::reason::Reason;
 use crate::evidence::thresholds::Thresholds;
-use crate::release::delivery::EXTRACTOR;
-use crate::release::receipt::Receipt;
+use crate::release::receipt::{Anchor, Receipt};
 use crate::watermark::extractor::pretrained::PretrainedExtractor;
+use crate::watermark::extractor::reader;
 use crate::watermark::extractor::weights::{ExtractorWeights, PREPROCESS};
 use crate::watermark::key::owner_key::Key;
 
@@ -19,27 +21,44 @@ pub(super) struct Opened {
     receipt: Receipt,
     promised: Promised,
     extractor: ExtractorWeights,
+    objections: Vec<Reason>,
 }
 
 impl Opened {
-    /// Reads the receipt at `path` and the extractor beside it. `pretrained` is what an extractor that calls itself
-    /// pretrained has to look along; the built-in one unless it is given.
+    /// Reads the receipt of a request and the extractor beside it.
     ///
     /// # Errors
-    /// [`EngineError::BadData`] when receipt, key, message and extractor do not belong together, or the receipt asks
-    /// for less than this program does; those of reading the files.
-    pub(super) fn open(
-        path: &Path,
-        key: &Key,
-        sought: Option<Sought>,
-        pretrained: Option<&PretrainedExtractor>,
-    ) -> Result<Self, EngineError> {
+    /// [`EngineError::BadData`] when receipt, key, message and extractor do not belong together, when the receipt asks
+    /// for less than this program does, and when the key does not follow from its secret; those of reading the files.
+    pub(super) fn open(request: &VerifyRequest<'_>) -> Result<Self, EngineError> {
+        let VerifyRequest { device, clip, key, receipt: path, sought, pretrained, .. } = *request;
         let receipt = Receipt::read(path)?;
         check_key(&receipt, path, key)?;
         check_rule(&receipt, path, key)?;
         let promised = Promised::find(sought, &receipt, path, key)?;
-        let extractor = read_extractor(&receipt, &path.with_file_name(EXTRACTOR), key, pretrained)?;
-        Ok(Self { receipt, promised, extractor })
+        let extractor = read_extractor(&receipt, &request.extractor_path(), key, pretrained)?;
+        let mut objections = Vec::new();
+        match &receipt.body.promise.anchor {
+            Some(anchor) => {
+                key.check(device, clip)?;
+                check_anchor(anchor, path, key, &extractor)?;
+            }
+            None => objections.push(Reason::NotCommitted { schema: receipt.schema.to_string() }),
+        }
+        if !(clip.is_built_in() || request.trusted_clip == Some(key.clip)) {
+            objections.push(Reason::UnknownClip { clip: key.clip.to_string() });
+        }
+        Ok(Self { receipt, promised, extractor, objections })
+    }
+
+    /// The receipt.
+    pub(super) fn receipt(&self) -> &Receipt {
+        &self.receipt
+    }
+
+    /// What is in the way of "present", whatever the clips say.
+    pub(super) fn objections(&self) -> &[Reason] {
+        &self.objections
     }
 
     /// What the receipt commits to.
@@ -79,6 +98,22 @@ fn check_key(receipt: &Receipt, path: &Path, key: &Key) -> Result<(), EngineErro
         if promised != given {
             return Err(bad_data(path, field, promised, format!("{given}, as in the key given")));
         }
+    }
+    Ok(())
+}
+
+/// Refuses a receipt of another reader, asset or signer than those at hand.
+fn check_anchor(anchor: &Anchor, path: &Path, key: &Key, extractor: &ExtractorWeights) -> Result<(), EngineError> {
+    let Anchor { asset, reader, signer } = anchor;
+    if key.asset() != Some(*asset) {
+        return Err(bad_data(path, "asset", asset, "the asset that the key is for"));
+    }
+    if *signer != key.public_key() {
+        return Err(bad_data(path, "signer", signer, format!("{}, the owner of the key given", key.public_key())));
+    }
+    let given = reader::digest(key, extractor)?;
+    if *reader != given {
+        return Err(bad_data(path, "reader", reader, format!("{given}, as key and extractor give")));
     }
     Ok(())
 }

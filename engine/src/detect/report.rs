@@ -1,7 +1,11 @@
 //! What a verification says.
 
+use std::num::NonZeroU32;
+
 use serde::Serialize;
 
+use super::free_part::FreePart;
+use super::request::VerifyInputs;
 use super::suspect::SuspectClip;
 use crate::base::digest::Digest;
 use crate::base::prf::Prf;
@@ -9,8 +13,10 @@ use crate::error::EngineError;
 use crate::evidence::id_code::{IdBits, IdCode, IdReading, SearchedP};
 use crate::evidence::judgement::Evidence;
 use crate::evidence::message::Message;
-use crate::media::framing::Rect;
+use crate::media::ReadOptions;
+use crate::media::framing::{Crop, Rect};
 use crate::picture::undo_guess::UndoGuess;
+use crate::release::receipt::Schema;
 use crate::watermark::extractor::rotation::KeyRotation;
 
 /// The evidence, with what went into it.
@@ -20,6 +26,12 @@ pub struct VerifyReport {
     pub evidence: Evidence,
     /// What the evidence rests on: the receipt's commitment. That it is older than the clip, this report cannot say.
     pub commitment: Digest,
+    /// Version of the receipt.
+    pub schema: Schema,
+    /// How much of the extractor was free when the receipt was sealed, and whether that was checked.
+    pub free_part: FreePart,
+    /// What whoever verifies was free to choose.
+    pub choices: Choices,
     /// Rotation that the extractor reads through.
     pub key_rotation: KeyRotation,
     /// What was undone, if there was anything to guess.
@@ -32,6 +44,44 @@ pub struct VerifyReport {
     pub frames: usize,
     /// What the decoder of a damaged video said.
     pub damage: Vec<String>,
+}
+
+/// What whoever verifies was free to choose. Each choice that was tried until the film read best is a claim of its own:
+/// `claims` counts them, and multiplies every p-value.
+#[derive(Clone, Debug, Serialize)]
+pub struct Choices {
+    /// Receipts, keys, owners, films and readings that this one was chosen from, as whoever verifies says.
+    pub claims: u32,
+    /// Suspect films that are read as one.
+    pub films: usize,
+    /// First frame read.
+    pub start: u32,
+    /// One of so many frames is read.
+    pub every: u32,
+    /// Most frames read of each film.
+    pub max_frames: Option<u32>,
+    /// Part of the frames that was named by hand.
+    pub crop: Option<Rect>,
+    /// Size that pictures were brought to by hand.
+    pub picture_size_px: Option<(u32, u32)>,
+}
+
+impl Choices {
+    pub(super) fn of(claims: NonZeroU32, inputs: &VerifyInputs, options: &ReadOptions) -> Self {
+        let crop = match options.framing.crop {
+            Crop::Region(rect) => Some(rect),
+            Crop::Whole | Crop::Auto => None,
+        };
+        Self {
+            claims: claims.get(),
+            films: inputs.suspects.len(),
+            start: options.start,
+            every: options.every.get(),
+            max_frames: options.max_frames.map(NonZeroU32::get),
+            crop,
+            picture_size_px: options.framing.size_px,
+        }
+    }
 }
 
 /// What was undone before the suspect clips were read.

@@ -1,61 +1,22 @@
 //! The first question: does a suspect carry what the owner's receipt commits to?
 
-use std::path::{Path, PathBuf};
-
-use guard4d_kernels::Device;
-
 use super::choice::{Answer, nearest};
 use super::clip_reader::ClipReader;
-use super::controls::{OtherKey, read_unmarked};
+use super::controls::{Unmarked, unrelated_once};
+use super::free_part::FreePart;
 use super::opened::Opened;
-use super::report::{ClipReading, Undone, VerifyReport};
-use super::sought::Sought;
-use super::suspect::{Suspect, Suspects};
+use super::own_clips::own_clips;
+use super::report::{Choices, ClipReading, Undone, VerifyReport};
+use super::request::{VerifyInputs, VerifyRequest};
+use super::suspect::Suspects;
 use crate::base::observer::{Observer, Unobserved};
 use crate::error::EngineError;
 use crate::evidence::claim::Claim;
 use crate::evidence::control::Control;
 use crate::evidence::judgement::{Evidence, judge};
 use crate::evidence::other_keys::OtherKeys;
-use crate::media::{Frame, ReadOptions};
-use crate::networks::clip::ClipModel;
-use crate::picture::undo_guess::GuessSearch;
-use crate::watermark::extractor::pretrained::PretrainedExtractor;
+use crate::media::ReadOptions;
 use crate::watermark::extractor::reader::Reader;
-use crate::watermark::key::owner_key::Key;
-
-/// What is verified, by whom.
-#[derive(Clone, Copy, Debug)]
-pub struct VerifyRequest<'a> {
-    /// Device.
-    pub device: &'a Device,
-    /// Frozen CLIP.
-    pub clip: &'a ClipModel,
-    /// Owner key.
-    pub key: &'a Key,
-    /// What the clips are asked for; by default what the receipt says: whichever id fits best if it is for an id, else
-    /// the key's own message.
-    pub sought: Option<Sought>,
-    /// Receipt of the embedding; the extractor lies beside it.
-    pub receipt: &'a Path,
-    /// What an extractor that calls itself pretrained has to look along; the built-in one unless it is given.
-    pub pretrained: Option<&'a PretrainedExtractor>,
-}
-
-/// Clips to read and clips to compare with.
-#[derive(Debug, Default)]
-pub struct VerifyInputs {
-    /// What is under suspicion.
-    pub suspects: Vec<Suspect>,
-    /// What may have been done to all of it alike, and is undone where that brings it nearer to the claim.
-    pub guesses: GuessSearch,
-    /// Videos that surely carry no mark.
-    pub unrelated: Vec<PathBuf>,
-    /// Frames of the unmarked asset, one list per clip.
-    pub clean: Vec<Vec<Frame>>,
-    /// Keys that had no part in the embedding.
-    pub other_keys: Vec<OtherKey>,
-}
 
 impl VerifyRequest<'_> {
     /// Reads all clips and weighs them. All suspect clips count as one: their frames share their bias.
@@ -80,8 +41,10 @@ impl VerifyRequest<'_> {
         observer: &mut dyn Observer,
     ) -> Result<VerifyReport, EngineError> {
         let (key, prf) = (self.key, self.key.prf());
-        let opened = Opened::open(self.receipt, key, self.sought, self.pretrained)?;
+        let opened = Opened::open(self)?;
         let (extractor, promised) = (opened.extractor(), opened.promised());
+        let unrelated = unrelated_once(&inputs.unrelated)?;
+        let free_part = FreePart::check(self, opened.receipt(), extractor)?;
 
         let reader = Reader::new(self.device, self.clip, key, extractor)?;
         let mut reader = ClipReader::new(self.device, reader, key.num_bits(), options, observer);
@@ -90,9 +53,10 @@ impl VerifyRequest<'_> {
 
         let answer = nearest(&suspects, key.num_bits(), promised, &prf, opened.rule().statistic)?;
         let tried = u32::try_from(guesses.len()).unwrap_or(u32::MAX);
-        let chosen = extractor.key_rotation.of.saturating_mul(tried);
+        let chosen = extractor.key_rotation.of.saturating_mul(tried).saturating_mul(self.claims.get());
 
-        let mut controls = read_unmarked(&mut reader, &inputs.unrelated, &inputs.clean, answer.message())?;
+        let unmarked = Unmarked { unrelated: &unrelated, clean: &inputs.clean, own: &own_clips(self.device)? };
+        let mut controls = unmarked.read(&mut reader, answer.message())?;
         let features = &suspects.features()[answer.guess()].features;
         for other in &inputs.other_keys {
             controls.push(other.read(self.device, key, extractor, features)?);
@@ -104,6 +68,9 @@ impl VerifyRequest<'_> {
         Ok(VerifyReport {
             evidence,
             commitment: opened.commitment(),
+            schema: opened.receipt().schema,
+            free_part,
+            choices: Choices::of(self.claims, inputs, options),
             key_rotation: extractor.key_rotation,
             undone: (tried > 1).then(|| Undone { guess: guesses[answer.guess()], tried }),
             id: answer.id_evidence(promised, chosen, extractor.mode),
@@ -132,6 +99,7 @@ impl VerifyRequest<'_> {
             other_keys: &OtherKeys::derive(&self.key.prf(), &coordinates)?,
             side_px: suspects.side_px(),
             controls,
+            objections: opened.objections(),
         };
         judge(&claim, opened.rule())
     }

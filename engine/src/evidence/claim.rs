@@ -5,6 +5,7 @@ use super::extractor_mode::ExtractorMode;
 use super::message::Message;
 use super::other_keys::OtherKeys;
 use super::reading::Reading;
+use super::reason::Reason;
 
 /// What is claimed, and what was read.
 #[derive(Clone, Debug)]
@@ -24,4 +25,7 @@ pub struct Claim<'a> {
     pub side_px: u32,
     /// Readings that must be at chance.
     pub controls: &'a [Control],
+    /// What is in the way of "present", whatever the clip says. With [`Reason::NotCommitted`] among them, the p-value
+    /// is that of a test which could have been made to suit the clip.
+    pub objections: &'a [Reason],
 }

@@ -17,6 +17,8 @@ pub enum ControlKind {
     CleanRender,
     /// A clip that has nothing to do with the asset.
     UnrelatedClip,
+    /// Such a clip that the program brings along.
+    OwnClip,
     /// The suspect clip read with another trained key, for that key's message.
     OtherKey,
     /// The suspect clip against the inverted message.
@@ -30,6 +32,12 @@ pub enum ControlKind {
 impl ControlKind {
     /// Controls that need input from the caller; the others are always run.
     pub const SUPPLIED: [Self; 3] = [Self::CleanRender, Self::UnrelatedClip, Self::OtherKey];
+
+    /// Whether it is a film without a mark that the owner's own reader has read.
+    #[must_use]
+    pub const fn is_unmarked_film(self) -> bool {
+        matches!(self, Self::CleanRender | Self::UnrelatedClip | Self::OwnClip)
+    }
 }
 
 impl fmt::Display for ControlKind {
@@ -37,6 +45,7 @@ impl fmt::Display for ControlKind {
         f.write_str(match self {
             Self::CleanRender => "clean render",
             Self::UnrelatedClip => "unrelated clip",
+            Self::OwnClip => "the program's own clip",
             Self::OtherKey => "other key",
             Self::InvertedMessage => "inverted message",
             Self::OtherMessages => "other keys' messages",

@@ -1,15 +1,13 @@
 //! From logits to a verdict: present, absent or inconclusive, with reasons.
 
-use std::fmt;
-
 use serde::Serialize;
 
 use super::claim::Claim;
-use super::control::ControlKind;
 use super::extractor_mode::ExtractorMode;
 use super::id_code::SearchedP;
-use super::negative_controls::{NegativeControls, PanelLevels};
+use super::negative_controls::{Firing, NegativeControls, PanelLevels};
 use super::reading::Spread;
+use super::reason::Reason;
 use super::statistics::{after_search, empirical_fpr_bound, match_p_value, required_matches};
 use super::thresholds::{DecisionStatistic, Thresholds};
 use crate::error::EngineError;
@@ -25,6 +23,8 @@ pub enum PStatement {
         /// Of the soft score.
         soft_score: f64,
     },
+    /// Message-blind extractor, but not all that reads was fixed beforehand: what the p-value would be if it had been.
+    NotCommitted(SearchedP),
     /// Message-blind extractor, and the best of several messages or rotations: bounds on the chance that any of them
     /// does so well.
     Searched(SearchedP),
@@ -59,51 +59,6 @@ impl Verdict {
             Self::Present => 0,
             Self::Absent => 1,
             Self::Inconclusive => 4,
-        }
-    }
-}
-
-/// Why a verdict is what it is.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(tag = "kind", rename_all = "snake_case")]
-#[expect(missing_docs, reason = "Display says what each field is")]
-pub enum Reason {
-    Passes { p_value: f64, fpr: f64 },
-    AtChance { p_value: f64, absent_above: f64 },
-    Weak { p_value: f64, fpr: f64 },
-    TooFewFrames { got: u32, needed: u32 },
-    FramesTooSmall { got_px: u32, needed_px: u32 },
-    CannotReach { best_p_value: f64, fpr: f64 },
-    ControlFires { control: ControlKind, name: String },
-    EmpiricalOnly { num_clips: u32 },
-}
-
-impl fmt::Display for Reason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Passes { p_value, fpr } => {
-                write!(f, "p = {p_value:.2e} reaches the threshold {fpr:.0e}")
-            }
-            Self::AtChance { p_value, absent_above } => {
-                write!(f, "p = {p_value:.2} is what chance gives (above {absent_above})")
-            }
-            Self::Weak { p_value, fpr } => {
-                write!(f, "p = {p_value:.2e} misses the threshold {fpr:.0e}; more frames or views may decide")
-            }
-            Self::TooFewFrames { got, needed } => write!(f, "{got} of at least {needed} frames"),
-            Self::FramesTooSmall { got_px, needed_px } => {
-                write!(f, "frames of {got_px} px, {needed_px} px needed")
-            }
-            Self::CannotReach { best_p_value, fpr } => {
-                write!(f, "at best p = {best_p_value:.1e} is possible here, the threshold is {fpr:.0e}")
-            }
-            Self::ControlFires { control, name } => {
-                write!(f, "the control \"{control}\" ({name}) is not at chance")
-            }
-            Self::EmpiricalOnly { num_clips } => {
-                f.write_str("the extractor was trained with the message: no exact p-value, ")?;
-                write!(f, "only a bound from {num_clips} unrelated clips")
-            }
         }
     }
 }
@@ -145,8 +100,8 @@ pub struct Evidence {
 
 /// Judges a claim by a rule fixed beforehand.
 ///
-/// "Present" needs a p-value (for a `joint` extractor: the empirical bound) at most `fpr`, enough frames
-/// of enough size, and a silent negative controls. "Absent" needs frames that could have shown a mark and a
+/// "Present" needs a p-value (for a `joint` extractor: the empirical bound) at most `fpr`, enough frames of enough
+/// size, no objection, and silent negative controls. "Absent" needs frames that could have shown a mark and a
 /// p-value above `absent_above`. Everything else is inconclusive.
 ///
 /// # Errors
@@ -192,6 +147,9 @@ fn state_p_value(claim: &Claim<'_>, panel: &NegativeControls) -> Result<PStateme
     if claim.mode.is_message_blind() {
         let p = SearchedP::of(claim.reading, &claim.message, searched)?;
         let SearchedP { matches, soft_score, .. } = p;
+        if claim.objections.iter().any(|objection| matches!(objection, Reason::NotCommitted { .. })) {
+            return Ok(PStatement::NotCommitted(p));
+        }
         return Ok(if searched == 1 { PStatement::Exact { matches, soft_score } } else { PStatement::Searched(p) });
     }
     let (num_clips, false_positives) = panel.unrelated_reaching(claim.reading.matches(&claim.message)?);
@@ -208,7 +166,9 @@ fn decide(
     let num_bits = claim.message.num_bits();
     let adjusted = |p: f64| (p * f64::from(rule.num_claims)).min(1.0);
     let (p, best) = match *p_value {
-        PStatement::Exact { matches, soft_score } | PStatement::Searched(SearchedP { matches, soft_score, .. }) => {
+        PStatement::Exact { matches, soft_score }
+        | PStatement::NotCommitted(SearchedP { matches, soft_score, .. })
+        | PStatement::Searched(SearchedP { matches, soft_score, .. }) => {
             let p = match rule.statistic {
                 DecisionStatistic::Matches => matches,
                 DecisionStatistic::SoftScore => soft_score,
@@ -221,8 +181,9 @@ fn decide(
     let fpr = rule.fpr;
     let mut reasons = insufficient(claim, rule);
     let could_show = reasons.is_empty() && best <= rule.absent_above;
-    let fires = |(control, name)| Reason::ControlFires { control, name };
-    reasons.extend(panel.firing().into_iter().map(fires));
+    reasons.extend(claim.objections.iter().cloned());
+    reasons
+        .extend(panel.firing().into_iter().map(|Firing { what, name }| Reason::ControlFires { control: what, name }));
     let verdict = if p <= fpr {
         let verdict = if reasons.is_empty() { Verdict::Present } else { Verdict::Inconclusive };
         reasons.insert(0, Reason::Passes { p_value: p, fpr });

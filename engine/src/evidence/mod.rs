@@ -11,5 +11,6 @@ pub mod other_keys;
 pub mod payload;
 pub mod per_bit;
 pub mod reading;
+pub mod reason;
 pub mod statistics;
 pub mod thresholds;

@@ -1,6 +1,8 @@
 //! All negative controls of one verification: readings that must *not* find the message. If one does, the extractor is
 //! talking, not the asset, and "present" is forbidden.
 
+use std::fmt;
+
 use serde::Serialize;
 
 use super::claim::Claim;
@@ -8,22 +10,57 @@ use super::control::{ChanceDeviation, Control, ControlKind, ControlResult, Contr
 use super::message::Message;
 use super::other_keys::{Bar, OtherKeysResult};
 use super::reading::Reading;
+use super::statistics::{SoftScoreNull, binomial_tail};
 use crate::error::EngineError;
 
-/// All supplied readings of one kind together.
-///
-/// A single reading must be far from chance to fire once there are hundreds of them. A kind fires if at
-/// least half of its readings lie outside a narrower band: by Markov's inequality chance does that with at
-/// most twice the probability of one reading, however much the readings depend on one another.
+/// Which readings are judged together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Pool {
+    /// Clean renders of the original.
+    CleanRenders,
+    /// All films without a mark: clean renders, unrelated clips, and the program's own.
+    UnmarkedFilms,
+    /// Other keys, each for its own message.
+    OtherKeys,
+}
+
+impl Pool {
+    const ALL: [Self; 3] = [Self::CleanRenders, Self::UnmarkedFilms, Self::OtherKeys];
+
+    fn holds(self, kind: ControlKind) -> bool {
+        match self {
+            Self::CleanRenders => kind == ControlKind::CleanRender,
+            Self::UnmarkedFilms => kind.is_unmarked_film(),
+            Self::OtherKeys => kind == ControlKind::OtherKey,
+        }
+    }
+}
+
+impl fmt::Display for Pool {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::CleanRenders => "all clean renders",
+            Self::UnmarkedFilms => "all films without a mark",
+            Self::OtherKeys => "all other keys",
+        })
+    }
+}
+
+/// Readings that are judged together: what hides in each of them adds up.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct KindResult {
+pub struct PooledResult {
     /// What was read.
-    pub kind: ControlKind,
-    /// Readings of this kind.
+    pub pool: Pool,
+    /// Readings in it.
     pub num_readings: u32,
-    /// Readings outside the band.
-    pub num_outside: u32,
-    /// Fires if at least half are.
+    /// Matching bits of all of them.
+    pub matches: u32,
+    /// Bits compared in all of them.
+    pub num_bits: u32,
+    /// Chance of being so far from one half, on either side; exact.
+    pub p_value: f64,
+    /// Fires below the share of the control level that it has.
     pub state: ControlState,
 }
 
@@ -38,8 +75,8 @@ pub struct NegativeControls {
     pub other_readings: OtherKeysResult,
     /// Controls the caller supplied.
     pub supplied: Vec<ControlResult>,
-    /// The same by kind.
-    pub kinds: Vec<KindResult>,
+    /// The supplied ones and the program's own, taken together.
+    pub pools: Vec<PooledResult>,
     /// Kinds of control that could have been supplied and were not.
     pub not_run: Vec<ControlKind>,
 }
@@ -70,44 +107,49 @@ impl NegativeControls {
                 chance_deviation: control.chance_deviation(1.0 - share)?,
             })
         };
-        let (run, not_run): (Vec<_>, Vec<_>) =
-            ControlKind::SUPPLIED.into_iter().partition(|&kind| controls.iter().any(|control| control.kind == kind));
-        let kind_share = levels.control_level / 2.0 / f64::from(count(ControlKind::SUPPLIED.len()));
+        let is_missing = |kind: &ControlKind| controls.iter().all(|control| control.kind != *kind);
+        let pool_share = levels.control_level / 2.0 / f64::from(count(Pool::ALL.len()));
         let bar = Bar { claimed: reading.matches(message)?, num_bits: message.num_bits(), fpr: levels.fpr, share };
         Ok(Self {
             inverted: inverted(reading, message, share)?,
             other_messages: other_keys.in_reading(reading, &bar)?,
             other_readings: other_keys.in_own_readings(&bar)?,
             supplied: controls.iter().map(result).collect::<Result<_, EngineError>>()?,
-            kinds: run.into_iter().map(|kind| KindResult::of(kind, controls, kind_share)).collect::<Result<_, _>>()?,
-            not_run,
+            pools: Pool::ALL
+                .into_iter()
+                .filter_map(|pool| PooledResult::of(pool, controls, pool_share).transpose())
+                .collect::<Result<_, _>>()?,
+            not_run: ControlKind::SUPPLIED.into_iter().filter(is_missing).collect(),
         })
     }
 
     /// Controls that fired, with their names.
     #[must_use]
-    pub fn firing(&self) -> Vec<(ControlKind, String)> {
+    pub fn firing(&self) -> Vec<Firing> {
         let mut firing: Vec<_> = std::iter::once(&self.inverted)
             .chain(&self.supplied)
             .filter(|control| control.chance_deviation.state == ControlState::Fires)
-            .map(|control| (control.kind, control.name.clone()))
+            .map(|control| Firing { what: control.kind.to_string(), name: control.name.clone() })
             .collect();
         let others =
             [(ControlKind::OtherMessages, &self.other_messages), (ControlKind::OtherReadings, &self.other_readings)];
         for (kind, keys) in others.into_iter().filter(|(_, keys)| keys.state == ControlState::Fires) {
-            firing.push((kind, format!("{} of {} other keys", keys.as_good, keys.num_keys)));
+            let name = format!("{} of {} other keys", keys.as_good, keys.num_keys);
+            firing.push(Firing { what: kind.to_string(), name });
         }
-        for kind in self.kinds.iter().filter(|kind| kind.state == ControlState::Fires) {
-            firing.push((kind.kind, format!("{} of {}", kind.num_outside, kind.num_readings)));
+        for pool in self.pools.iter().filter(|pool| pool.state == ControlState::Fires) {
+            let PooledResult { matches, num_bits, p_value, .. } = pool;
+            let name = format!("{matches} of {num_bits} bits, p = {p_value:.1e}");
+            firing.push(Firing { what: pool.pool.to_string(), name });
         }
         firing
     }
 
-    /// Number of supplied unrelated clips, and how many reach `matches`.
+    /// Number of unrelated clips, the program's own among them, and how many reach `matches`.
     #[must_use]
     pub fn unrelated_reaching(&self, matches: u32) -> (u32, u32) {
         let unrelated = || {
-            let is_unrelated = |c: &&ControlResult| c.kind == ControlKind::UnrelatedClip;
+            let is_unrelated = |c: &&ControlResult| matches!(c.kind, ControlKind::UnrelatedClip | ControlKind::OwnClip);
             self.supplied.iter().filter(is_unrelated)
         };
         let reaching = unrelated().filter(|c| c.chance_deviation.matches >= matches).count();
@@ -115,15 +157,45 @@ impl NegativeControls {
     }
 }
 
-impl KindResult {
-    fn of(kind: ControlKind, controls: &[Control], share: f64) -> Result<Self, EngineError> {
-        let (mut num_readings, mut num_outside) = (0, 0);
-        for control in controls.iter().filter(|control| control.kind == kind) {
-            num_readings += 1;
-            num_outside += u32::from(control.chance_deviation(1.0 - share / 2.0)?.state == ControlState::Fires);
+/// A control that found what it must not find.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Firing {
+    /// Which control.
+    pub what: String,
+    /// Film or key, or how many.
+    pub name: String,
+}
+
+impl PooledResult {
+    /// What the readings of a pool say together; none if it has none.
+    ///
+    /// Films are all compared with one message. However alike one reader reads them, the message was drawn without
+    /// them: given all readings, it is the only thing left to chance. So each bit has as many votes as readings say 1
+    /// more often than 0, and the sum of the votes that agree with the message has an exact distribution. Other keys
+    /// have messages of their own, and their matches simply add up.
+    fn of(pool: Pool, controls: &[Control], share: f64) -> Result<Option<Self>, EngineError> {
+        let held: Vec<&Control> = controls.iter().filter(|control| pool.holds(control.kind)).collect();
+        let Some(message) = held.first().map(|control| control.message) else { return Ok(None) };
+        let (mut matches, mut num_bits) = (0, 0);
+        let mut votes = vec![0.0; message.num_bits() as usize];
+        for control in &held {
+            matches += control.reading.matches(&control.message)?;
+            num_bits += control.message.num_bits();
+            votes
+                .iter_mut()
+                .zip(control.reading.decoded().bits())
+                .for_each(|(v, bit)| *v += if bit { 1.0 } else { -1.0 });
         }
-        let state = if 2 * num_outside >= num_readings { ControlState::Fires } else { ControlState::Quiet };
-        Ok(Self { kind, num_readings, num_outside, state })
+        let [above, below] = match pool {
+            Pool::OtherKeys => [matches, num_bits - matches].map(|count| binomial_tail(count, num_bits, 0.5)),
+            Pool::CleanRenders | Pool::UnmarkedFilms => {
+                let null = SoftScoreNull::new(&votes)?;
+                [null.p_value(&message)?, null.p_value(&message.inverted())?]
+            }
+        };
+        let p_value = (2.0 * above.min(below)).min(1.0);
+        let state = if p_value < share { ControlState::Fires } else { ControlState::Quiet };
+        Ok(Some(Self { pool, num_readings: count(held.len()), matches, num_bits, p_value, state }))
     }
 }
 

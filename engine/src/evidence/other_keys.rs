@@ -12,7 +12,7 @@ use super::message::Message;
 use super::payload::Payload;
 use super::reading::Reading;
 use super::statistics::{binomial_tail, empirical_fpr_bound, match_p_value, required_matches};
-use crate::base::prf::{MasterSecret, Prf, Purpose};
+use crate::base::prf::{Prf, Purpose};
 use crate::base::rotation::remix;
 use crate::error::EngineError;
 
@@ -63,8 +63,7 @@ impl OtherKeys {
         let num_bits = u32::try_from(coordinates.len()).unwrap_or(u32::MAX);
         let (mut messages, mut readings) = (Vec::new(), Vec::new());
         for index in 0..NUM_OTHER_KEYS {
-            let secret = owner.mac(Purpose::OtherKeys, &index.to_le_bytes());
-            let prf = Prf::new(&MasterSecret::from_bytes(*secret.as_bytes()));
+            let prf = Prf::new(&owner.secret(Purpose::OtherKeys, &index.to_le_bytes()));
             messages.push(Payload::Random(num_bits).message(&prf)?);
             let mixed = remix(coordinates, &mut prf.stream(Purpose::Calibration, 0));
             readings.push(Message::from_bits(&mixed.iter().map(|&z| z > 0.0).collect::<Vec<_>>())?);

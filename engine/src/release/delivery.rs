@@ -8,11 +8,12 @@ use serde_json::to_value;
 
 use super::evaluate::{Evaluation, HeldOut};
 use super::receipt::{
-    BitAccuracies, DeviceRecord, Figures, FileRecord, Promise, Receipt, ReceiptBody, Repeatability, Tool,
+    Anchor, BitAccuracies, DeviceRecord, Figures, FileRecord, Promise, Receipt, ReceiptBody, Repeatability, Tool,
 };
 use super::undo;
 use crate::base::digest::Digest;
-use crate::base::output::Existing;
+use crate::base::output::{Existing, create_private_dir};
+use crate::base::signature::SigningKey;
 use crate::error::EngineError;
 use crate::evidence::id_code::IdBits;
 use crate::evidence::thresholds::Thresholds;
@@ -20,7 +21,9 @@ use crate::media::png::write_png_folder;
 use crate::networks::lpips::Lpips;
 use crate::scene::CameraSet;
 use crate::watermark::embed::{EmbedConfig, Embedded, Subject};
+use crate::watermark::extractor::reader;
 use crate::watermark::extractor::weights::PREPROCESS;
+use crate::watermark::key::owner_key::Key;
 
 /// Folder of the marked model.
 pub const MARKED: &str = "marked";
@@ -52,10 +55,12 @@ pub struct Delivery<'a> {
 /// clips that were evaluated, too.
 ///
 /// # Errors
-/// [`EngineError::Io`] naming the file; when the device fails.
+/// [`EngineError::Usage`] for another key than that of the asset; [`EngineError::Io`] naming the file; when the device
+/// fails.
 pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result<(Evaluation, HeldOut), EngineError> {
     let Delivery { subject, config, embedded, input, .. } = delivery;
     let device = subject.device;
+    let signer = signer_of(subject.key, subject.model.digest())?;
     // What is measured is what is handed out, also where its format keeps colours coarsely.
     let stored = subject.model.as_stored(&embedded.sh_coeffs)?;
     let held_out = HeldOut::render(device, subject.model, &stored, cameras)?;
@@ -68,7 +73,7 @@ pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result
     }
     let written = subject.model.write_marked(&out.join(MARKED), &stored)?;
     let private = out.join(PRIVATE);
-    std::fs::create_dir_all(&private).map_err(|source| EngineError::Io { path: private.clone(), source })?;
+    create_private_dir(&private)?;
     embedded.extractor.write(&private.join(EXTRACTOR), subject.key, Existing::Refuse)?;
     undo::write(&private.join(UNDO), subject.model, &stored)?;
     if let Some(clip) = held_out.marked.first() {
@@ -104,12 +109,28 @@ pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result
             repeatability: Repeatability::SameBytes,
         },
     };
-    Receipt::seal(body)?.write(&private.join(RECEIPT))?;
+    Receipt::seal(body, &signer)?.write(&private.join(RECEIPT))?;
     Ok((evaluation, held_out))
 }
 
+/// What signs the receipt of an asset.
+///
+/// # Errors
+/// [`EngineError::Usage`] for another key than the owner's own of this asset.
+pub fn signer_of(key: &Key, asset: Digest) -> Result<SigningKey, EngineError> {
+    let refused = |got: String| EngineError::Usage {
+        what: "key of a delivery".to_owned(),
+        got,
+        expected: format!("the owner's key of the asset {asset}"),
+    };
+    if key.asset() != Some(asset) {
+        return Err(refused(key.asset().map_or_else(|| "a key of all assets".to_owned(), |other| other.to_string())));
+    }
+    key.signing_key().ok_or_else(|| refused("a disclosed key, which signs nothing".to_owned()))
+}
+
 fn promise(delivery: &Delivery<'_>) -> Result<Promise, EngineError> {
-    let Subject { key, message, .. } = delivery.subject;
+    let Subject { key, message, model, .. } = delivery.subject;
     let prf = key.prf();
     let extractor = &delivery.embedded.extractor;
     Ok(Promise {
@@ -124,6 +145,11 @@ fn promise(delivery: &Delivery<'_>) -> Result<Promise, EngineError> {
         clip: key.clip,
         preprocess: PREPROCESS.to_owned(),
         thresholds: Thresholds::for_bits(key.bits()),
+        anchor: Some(Anchor {
+            asset: model.digest(),
+            reader: reader::digest(key, extractor)?,
+            signer: key.public_key(),
+        }),
     })
 }
 

@@ -1,6 +1,7 @@
 //! What leaves the house, and what is kept: marked models, receipts, measurements, undo.
 
 pub mod delivery;
+pub mod disclosure;
 pub mod evaluate;
 pub mod gate;
 pub mod receipt;

@@ -1,4 +1,4 @@
-//! `guard4d.receipt/2`: what was embedded where, and a commitment that no later change survives.
+//! `guard4d.receipt/3`: what was embedded where, a commitment that no later change survives, and the owner's signature.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -9,18 +9,24 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::base::digest::Digest;
+use crate::base::files::bad_data;
 use crate::base::prf::{KeyId, Prf};
+use crate::base::signature::{PublicKey, Signature, SigningKey};
 use crate::error::EngineError;
 use crate::evidence::extractor_mode::ExtractorMode;
 use crate::evidence::id_code::IdBits;
 use crate::evidence::message::Message;
 use crate::evidence::thresholds::Thresholds;
 use crate::picture::metrics::PsnrSummary;
+use crate::watermark::key::owner_key::Key;
 
-/// Domain of the commitment hash.
-const COMMITMENT_CONTEXT: &str = "guard4d receipt commitment, version 1";
+/// Domain of the commitment hash of receipts that bind their reader, and of those from before.
+const COMMITMENT_CONTEXTS: [&str; 2] =
+    ["guard4d receipt commitment, version 2", "guard4d receipt commitment, version 1"];
+/// What stands before the commitment in what is signed.
+const SIGNATURE_CONTEXT: &[u8] = b"guard4d receipt signature, version 1";
 
-/// Receipts this program reads. The commitment covers the version by its domain.
+/// Receipts this program reads. The commitment covers by its domain whether a receipt binds its reader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Schema {
     /// First version, whose settings are spelled otherwise.
@@ -29,6 +35,24 @@ pub enum Schema {
     /// Settings as `embed --config` takes them.
     #[serde(rename = "guard4d.receipt/2")]
     V2,
+    /// Bound to all that reads a film and to one asset, and signed.
+    #[serde(rename = "guard4d.receipt/3")]
+    V3,
+}
+
+impl Schema {
+    /// Whether all that reads a film is fixed by the receipt: of older ones a part of the key file is free.
+    #[must_use]
+    pub fn covers_reader(self) -> bool {
+        self == Self::V3
+    }
+}
+
+/// The name that files use.
+impl std::fmt::Display for Schema {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.serialize(f)
+    }
 }
 
 /// The program that wrote a receipt.
@@ -79,6 +103,31 @@ pub struct Promise {
     pub preprocess: String,
     /// Decision rule.
     pub thresholds: Thresholds,
+    /// What ties the rest together; none in receipts from before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub anchor: Option<Anchor>,
+}
+
+/// What ties key, extractor and asset of a receipt together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Anchor {
+    /// Hash of the unmarked asset, from which the key of the asset follows.
+    pub asset: Digest,
+    /// Hash over everything that turns frames into logits; see [`crate::watermark::extractor::reader::digest`].
+    pub reader: Digest,
+    /// Whose signature the receipt has.
+    pub signer: PublicKey,
+}
+
+impl Promise {
+    /// The key that reads what this promise is about, from the owner's or from a disclosed one.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] for a key that has none for this asset.
+    pub fn key_for(&self, key: &Key) -> Result<Key, EngineError> {
+        self.anchor.map_or_else(|| Ok(key.clone()), |anchor| key.for_asset(anchor.asset))
+    }
 }
 
 /// A file and its hash.
@@ -193,33 +242,43 @@ pub struct Receipt {
     pub body: ReceiptBody,
     /// BLAKE3 over the canonical form of `body`.
     pub commitment: Digest,
+    /// The owner's signature of the commitment; none in receipts from before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub signature: Option<Signature>,
 }
 
 impl Receipt {
-    /// Seals a body with its commitment.
+    /// Seals a body with its commitment, and signs it.
     ///
     /// # Errors
     /// [`EngineError::NotFinite`] if a figure is NaN or infinite (an infinite PSNR is allowed).
-    pub fn seal(body: ReceiptBody) -> Result<Self, EngineError> {
-        let commitment = commit(&body)?;
-        Ok(Self { schema: Schema::V2, body, commitment })
+    pub fn seal(body: ReceiptBody, signer: &SigningKey) -> Result<Self, EngineError> {
+        let commitment = commit(&body, Schema::V3)?;
+        Ok(Self { schema: Schema::V3, body, commitment, signature: Some(signer.sign(&signed(&commitment))) })
     }
 
-    /// Checks that the body is the one that was sealed.
+    /// Checks that the body is the one that was sealed, and by whom it says it was.
     ///
     /// # Errors
     /// [`EngineError::BadData`] naming `path` (where the receipt was read) if it was changed.
     pub fn verify_commitment(&self, path: &Path) -> Result<(), EngineError> {
-        let computed = commit(&self.body)?;
-        if computed == self.commitment {
-            return Ok(());
+        let computed = commit(&self.body, self.schema)?;
+        if computed != self.commitment {
+            let expected = format!("{computed}: the receipt was changed after it was sealed");
+            return Err(bad_data(path, "commitment", self.commitment, expected));
         }
-        Err(EngineError::BadData {
-            path: path.to_path_buf(),
-            field: "commitment".to_owned(),
-            got: self.commitment.to_string(),
-            expected: format!("{computed}: the receipt was changed after it was sealed"),
-        })
+        match (self.schema.covers_reader(), &self.body.promise.anchor, &self.signature) {
+            (false, None, None) => Ok(()),
+            (true, Some(anchor), Some(signature)) => {
+                if anchor.signer.has_signed(&signed(&self.commitment), signature) {
+                    return Ok(());
+                }
+                Err(bad_data(path, "signature", "one of something else", format!("one by {}", anchor.signer)))
+            }
+            (false, ..) => Err(bad_data(path, "schema", self.schema, "a later one: this has an anchor or a signature")),
+            (true, None, _) => Err(bad_data(path, "anchor", "none", "the hashes of asset and reader, and a signer")),
+            (true, _, None) => Err(bad_data(path, "signature", "none", "that of the signer that the receipt names")),
+        }
     }
 
     /// Whether the receipt commits to this message under this key.
@@ -288,12 +347,17 @@ fn not_json(error: &serde_json::Error) -> EngineError {
 
 /// Hash of the body's canonical form: every field in name order, each value with a type tag and its
 /// length, numbers by their bits. Layout, order and spelling of the JSON do not matter; values do.
-fn commit(body: &ReceiptBody) -> Result<Digest, EngineError> {
+fn commit(body: &ReceiptBody, schema: Schema) -> Result<Digest, EngineError> {
     check_finite(body)?;
     let value = serde_json::to_value(body).map_err(|error| not_json(&error))?;
-    let mut hasher = blake3::Hasher::new_derive_key(COMMITMENT_CONTEXT);
+    let mut hasher = blake3::Hasher::new_derive_key(COMMITMENT_CONTEXTS[usize::from(!schema.covers_reader())]);
     absorb(&mut hasher, &value);
     Ok(Digest::from_bytes(*hasher.finalize().as_bytes()))
+}
+
+/// What is signed for a commitment.
+fn signed(commitment: &Digest) -> Vec<u8> {
+    [SIGNATURE_CONTEXT, commitment.as_bytes()].concat()
 }
 
 /// JSON writes NaN and infinity as `null`, where they would look like "not measured".

@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use crate::base::files::bad_data;
-use crate::base::output::{AtomicDir, Existing};
+use crate::base::output::{AtomicDir, AtomicFile, Existing};
 use crate::base::tensor_file::{Tensor, TensorFile};
 use crate::error::EngineError;
 use crate::scene::Model;
@@ -25,7 +25,7 @@ pub fn write(path: &Path, model: &Model, marked: &[f32]) -> Result<(), EngineErr
     file.meta.insert("format".to_owned(), FORMAT.to_owned());
     file.meta.insert("original".to_owned(), model.digest().to_string());
     file.tensors.insert("words".to_owned(), Tensor::u32(&[words.len()], words));
-    crate::base::output::AtomicFile::write(path, Existing::Refuse, &file.to_bytes()?)
+    AtomicFile::write_private(path, Existing::Refuse, &file.to_bytes()?)
 }
 
 /// Restores the original of the marked model at `model` into the folder `out`.

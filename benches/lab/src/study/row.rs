@@ -219,7 +219,7 @@ impl Row {
             PStatement::Exact { matches, soft_score } | PStatement::Searched(SearchedP { matches, soft_score, .. }) => {
                 (Some(*matches), Some(*soft_score))
             }
-            PStatement::Empirical { .. } => (None, None),
+            PStatement::NotCommitted(_) | PStatement::Empirical { .. } => (None, None),
         };
         Self {
             p_value,

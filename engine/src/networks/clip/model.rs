@@ -40,6 +40,7 @@ pub struct ClipModel {
     weights: Weights,
     hash: blake3::Hash,
     precision: Precision,
+    is_built_in: bool,
 }
 
 impl<'a> ClipSource<'a> {
@@ -61,7 +62,8 @@ impl ClipModel {
             ClipSource::Mini => {
                 let config = include_bytes!("../../../assets/mini-clip/config.json");
                 let weights = include_bytes!("../../../assets/mini-clip/model.safetensors");
-                Self::from_bytes(device, Path::new("miniature CLIP"), config, weights)
+                let mini = Self::from_bytes(device, Path::new("miniature CLIP"), config, weights)?;
+                Ok(Self { is_built_in: true, ..mini })
             }
             ClipSource::Dir(dir) => {
                 let (config, path) = (dir.join("config.json"), dir.join("model.safetensors"));
@@ -81,7 +83,14 @@ impl ClipModel {
         hasher.update(&serde_json::to_vec(&config).expect("a configuration of numbers and strings is valid JSON"));
         hasher.update(blake3::hash(weights).as_bytes());
         let weights = Weights::new(TensorFile::from_bytes(path, weights)?, &config)?;
-        Ok(Self { device: device.clone(), config, weights, hash: hasher.finalize(), precision: Precision::F32 })
+        Ok(Self {
+            device: device.clone(),
+            config,
+            weights,
+            hash: hasher.finalize(),
+            precision: Precision::F32,
+            is_built_in: false,
+        })
     }
 
     /// The same checkpoint with the image tower's matrices kept in this precision, and with [`Precision::Half`] its
@@ -95,6 +104,12 @@ impl ClipModel {
     #[must_use]
     pub fn precision(&self) -> Precision {
         self.precision
+    }
+
+    /// Whether it is the one inside the program, which no owner chose.
+    #[must_use]
+    pub fn is_built_in(&self) -> bool {
+        self.is_built_in
     }
 
     /// Sizes of both towers.

@@ -18,6 +18,7 @@ mod phases;
 mod pool;
 pub mod pretrain;
 mod progress;
+mod refit;
 mod repeated;
 mod report;
 mod rotation_search;
@@ -34,6 +35,7 @@ pub use config::{
 };
 pub use embedding::Embedding;
 pub use estimate::Estimate;
+pub use refit::refit;
 pub use repeated::Repetition;
 pub use report::{HeldOutEvaluation, HeldOutReport, PhaseReport, StepReport, StopReason};
 pub use subject::{Embedded, Start, Subject};

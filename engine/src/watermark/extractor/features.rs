@@ -11,7 +11,7 @@ use crate::networks::clip::{ClipModel, TowerPurpose, VisionTower, VisionWorkspac
 use crate::watermark::step_part::StepPart;
 
 /// Channel statistics of OpenAI's CLIP (Radford et al. 2021); GuardSplat normalises with the same.
-const NORMALIZATION: Normalization =
+pub(super) const NORMALIZATION: Normalization =
     Normalization { mean: [0.481_454_66, 0.457_827_5, 0.408_210_73], std: [0.268_629_55, 0.261_302_6, 0.275_777_1] };
 
 /// Whether R's weights get gradients.

@@ -3,9 +3,10 @@
 use guard4d_kernels::{Buffer, Device};
 
 use super::calibration::Calibration;
-use super::features::FeatureExtractor;
+use super::features::{FeatureExtractor, NORMALIZATION};
 use super::preprocess::Preprocessor;
-use super::weights::{CLIP_FRAMES, ExtractorWeights};
+use super::weights::{CLIP_FRAMES, ExtractorWeights, PREPROCESS};
+use crate::base::digest::Digest;
 use crate::error::EngineError;
 use crate::media::Frame;
 use crate::networks::clip::{ClipModel, TowerPurpose};
@@ -51,6 +52,24 @@ pub fn decode(
     decoder.forward(&mut rec, &input, &mut pass)?;
     rec.submit()?;
     Ok(pass.logits.read()?)
+}
+
+/// Hash over everything that turns 8-bit frames into logits: what happens to frames before CLIP, R, CLIP, calibration,
+/// codes and decoder.
+///
+/// These are hashed as they are stored, not as [`Calibration::fold`] puts them together, whose last bits differ between
+/// processors.
+///
+/// # Errors
+/// When a tensor's shape does not fit its values.
+pub fn digest(key: &Key, weights: &ExtractorWeights) -> Result<Digest, EngineError> {
+    let mut file = weights.file(key);
+    key.store_reading(&mut file);
+    let mut note = |name: &str, text: String| file.meta.insert(name.to_owned(), text);
+    note("preprocess", PREPROCESS.to_owned());
+    note("frames", CLIP_FRAMES.to_string());
+    note("normalization", format!("{:?} {:?}", NORMALIZATION.mean, NORMALIZATION.std));
+    Ok(Digest::of(&file.to_bytes()?))
 }
 
 /// A ready extractor that reads 8-bit frames.

@@ -2,10 +2,13 @@
 
 use std::path::Path;
 
+use serde::Serialize;
+
 use super::calibration::Calibration;
 use super::rotation::KeyRotation;
 use super::tmsd::TmsdWeights;
 use crate::base::digest::Digest;
+use crate::base::matrix::share_apart;
 use crate::base::output::{AtomicFile, Existing};
 use crate::base::tensor_file::TensorFile;
 use crate::error::EngineError;
@@ -36,7 +39,7 @@ pub struct ExtractorWeights {
 }
 
 impl ExtractorWeights {
-    fn file(&self, key: &Key) -> TensorFile {
+    pub(super) fn file(&self, key: &Key) -> TensorFile {
         let mut file = TensorFile::default();
         let mode = serde_json::to_value(self.mode).ok().and_then(|v| v.as_str().map(str::to_owned));
         file.meta.insert("format".to_owned(), FORMAT.to_owned());
@@ -64,7 +67,7 @@ impl ExtractorWeights {
     /// # Errors
     /// [`EngineError::CannotCreate`] or [`EngineError::Io`] naming the file.
     pub fn write(&self, path: &Path, key: &Key, existing: Existing) -> Result<(), EngineError> {
-        AtomicFile::write(path, existing, &self.file(key).to_bytes()?)
+        AtomicFile::write_private(path, existing, &self.file(key).to_bytes()?)
     }
 
     /// Reads an extractor that belongs to `key`. A file that calls itself blind to the message is refused if its R does
@@ -88,6 +91,49 @@ impl ExtractorWeights {
         check_blindness(&file, mode, tmsd.as_ref())?;
         let calibration = Calibration::load(&file, key.text_mean.len(), key.bits())?;
         Ok(Self { mode, tmsd, calibration, key_rotation: KeyRotation::load(&file)? })
+    }
+}
+
+/// How far one extractor is from another in each part that is fitted to an asset, as a share of the other's size.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Deviation {
+    /// Of the colour map; 0 where neither has one.
+    pub colour_map: f64,
+    /// Of the mean image feature.
+    pub mean_image: f64,
+    /// Of the directions.
+    pub directions: f64,
+    /// Of the mean logits.
+    pub mean_logits: f64,
+}
+
+impl ExtractorWeights {
+    /// How far this is from `other` of the same shape. NaN or infinite for another shape, and for values that are no
+    /// numbers.
+    #[must_use]
+    pub fn deviation(&self, other: &Self) -> Deviation {
+        let (own, known) = (&self.calibration, &other.calibration);
+        let map = |weights: &Self| weights.tmsd.as_ref().map(|tmsd| tmsd.colour_map.as_flattened().to_vec());
+        Deviation {
+            colour_map: match (map(self), map(other)) {
+                (Some(own), Some(known)) => share_apart(&own, &known),
+                (None, None) => 0.0,
+                _ => f64::INFINITY,
+            },
+            mean_image: share_apart(&own.mean_image, &known.mean_image),
+            directions: share_apart(&own.directions, &known.directions),
+            mean_logits: share_apart(&own.mean_logits, &known.mean_logits),
+        }
+    }
+
+    /// How many numbers of it were fitted to the asset, and so could have been anything for whoever does not fit again.
+    #[must_use]
+    pub fn free_numbers(&self, knows_directions: bool) -> usize {
+        let Calibration { mean_image, directions, mean_logits } = &self.calibration;
+        // Known directions leave their common scale.
+        let directions = if knows_directions { 1 } else { directions.len() };
+        let colours = self.tmsd.as_ref().map_or(0, |tmsd| tmsd.colour_map.as_flattened().len());
+        mean_image.len() + directions + mean_logits.len() + colours
     }
 }
 

@@ -115,6 +115,33 @@ pub fn read_held_out(
     Ok(HeldOutReading { bit_accuracy: right as f64 / (read * weights.bits() as f64), exact: exact as f64 / read })
 }
 
+/// Share of `messages` in which a decoder reads each bit right from their `features` `[n, width]`: `[L]`.
+///
+/// # Errors
+/// When the device fails.
+pub fn read_bits(
+    device: &Device,
+    weights: &DecoderWeights,
+    features: &[f32],
+    messages: &[Message],
+) -> Result<Vec<f64>, EngineError> {
+    let decoder = Decoder::new(device, weights)?;
+    let mut pass = decoder.pass(device, messages.len())?;
+    let input = device.buffer_from("code_messages", features)?;
+    let mut rec = device.recorder()?;
+    decoder.forward(&mut rec, &input, &mut pass)?;
+    rec.submit()?;
+    let logits = pass.logits.read()?;
+    let mut right = vec![0.0; weights.bits()];
+    for (row, message) in logits.chunks_exact(weights.bits()).zip(messages) {
+        for ((count, logit), bit) in right.iter_mut().zip(row).zip(message.bits()) {
+            *count += f64::from(u8::from((*logit > 0.0) == bit));
+        }
+    }
+    right.iter_mut().for_each(|count| *count /= messages.len() as f64);
+    Ok(right)
+}
+
 /// Refuses a decoder that does not read messages it never saw.
 ///
 /// # Errors

@@ -40,6 +40,18 @@ impl DecoderWeights {
         [(width, HIDDEN), (HIDDEN, HIDDEN), (HIDDEN, bits)]
     }
 
+    /// Weights that make a logit of 0 of everything.
+    #[must_use]
+    pub fn zeros(width: usize, bits: usize) -> Self {
+        let layers = Self::sizes(width, bits).map(|(inputs, outputs)| Linear {
+            weight: vec![0.0; inputs * outputs],
+            bias: vec![0.0; outputs],
+            outputs,
+            inputs,
+        });
+        Self { layers }
+    }
+
     /// Message bits.
     #[must_use]
     pub fn bits(&self) -> usize {

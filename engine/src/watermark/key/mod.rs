@@ -3,5 +3,7 @@
 pub mod capacity;
 pub mod decoder;
 mod decoder_training;
+pub mod key_file;
 pub mod owner_key;
+pub mod text_codes;
 pub mod tokens;

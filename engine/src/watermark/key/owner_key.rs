@@ -1,45 +1,82 @@
 //! Owner key: master secret, token table and the frozen message decoder, bound to one CLIP checkpoint.
+//!
+//! Every asset has a key of its own, made from the owner's: the same token table and decoder, which take training, and
+//! another secret, from which its message, its rotation and all random draws follow. So a dispute over one asset can be
+//! settled with that asset's key, and the others stay as secret as before.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use guard4d_kernels::Device;
 
 use super::capacity::{self, Spectrum};
 use super::decoder::DecoderWeights;
 use super::decoder_training::{DecoderTraining, Trainer};
-use super::tokens::{TokenTable, Vocabulary, bit_codes};
+use super::text_codes::{CodeMessages, TextCodes};
+use super::tokens::{TokenTable, Vocabulary};
 use crate::base::digest::Digest;
-use crate::base::output::{AtomicFile, Existing};
+use crate::base::files::bad_data;
 use crate::base::prf::{MasterSecret, Prf, Purpose};
-use crate::base::tensor_file::{Tensor, TensorFile};
+use crate::base::signature::{PublicKey, SigningKey};
 use crate::error::EngineError;
 use crate::evidence::message::Message;
 use crate::evidence::payload::Payload;
 use crate::networks::clip::ClipModel;
 
-/// `format` entry of a key file.
-const FORMAT: &str = "guard4d.key/1";
-/// Entry with the hash of everything else in a key file.
-const CONTENT: &str = "content";
 /// Messages the decoder is trained on (method: at least 20,000).
 const TRAINING_MESSAGES: usize = 20_480;
 /// Messages it is tested on, never trained on.
 const HELD_OUT_MESSAGES: usize = 4_096;
 
-/// Everything an owner needs to embed and verify; private.
+/// Furthest that codes measured again may be from those of a key file, as a share. Keys are made in single precision
+/// whatever precision films are read in; devices then differ by some 1e-6.
+const CODES_TOLERANCE: f64 = 1e-4;
+/// Share of the messages in which a decoder has to read each bit right. One that prints a bit whatever it is shown is
+/// right in half of them; trained ones are right in all but a few of ten thousand.
+const LEAST_BIT_ACCURACY: f64 = 0.75;
+
+/// Everything an owner needs to embed and verify, or what belongs to one asset of it; private.
 #[derive(Clone, Debug)]
 pub struct Key {
-    secret: MasterSecret,
+    pub(super) scope: Scope,
+    /// What table, codes and the decoder's start follow from.
+    pub(super) reader: MasterSecret,
     /// Bit-to-token table.
     pub table: TokenTable,
     /// Frozen decoder.
     pub decoder: DecoderWeights,
-    /// Mean text feature of random messages `[width]`, towards which image features are moved.
+    /// Mean text feature `[width]`, towards which image features are moved.
     pub text_mean: Vec<f32>,
     /// Half the change of the text feature when a bit flips `[bits, width]`.
     pub codes: Vec<f32>,
     /// Checkpoint it was made with.
     pub clip: Digest,
+    /// Where it was read from; named in errors.
+    pub(super) path: PathBuf,
+}
+
+/// What a key is for.
+#[derive(Clone, Debug)]
+pub(super) enum Scope {
+    /// All of an owner's assets. One key file of the first version, whose secret every receipt of then used as it is.
+    First(MasterSecret),
+    /// All of an owner's assets.
+    Owner(MasterSecret),
+    /// One asset.
+    Asset {
+        /// Hash of the unmarked asset.
+        asset: Digest,
+        secret: MasterSecret,
+        signer: Signer,
+    },
+}
+
+/// Who signs an asset's receipts.
+#[derive(Clone, Debug)]
+pub(super) enum Signer {
+    /// The owner, whose key this is from.
+    Own(SigningKey),
+    /// The owner, who disclosed this key.
+    Other(PublicKey),
 }
 
 /// What `keygen` reports.
@@ -79,42 +116,150 @@ impl Key {
         if !(bits.is_multiple_of(8) && vocabulary.holds(bits)) {
             return Err(vocabulary.refusal(bits, "a multiple of 8, "));
         }
-        let prf = Prf::new(&secret);
-        let table = TokenTable::derive(&prf, vocabulary, bits)?;
+        let mut key = Self::untrained(clip, secret, bits)?;
+        let prf = Prf::new(&key.reader);
+        let table = &key.table;
         let messages = draw_messages(&prf, bits)?;
-        let (features, spectrum) = text_features(clip, &table, &messages)?;
+        let (features, spectrum) = text_features(clip, table, &messages)?;
         let width = clip.config().projection_dim;
         let (train, held_out) = features.split_at(TRAINING_MESSAGES * width);
-        let text_mean = capacity::mean_row(train, width);
         let targets: Vec<f32> =
             messages[..TRAINING_MESSAGES].iter().flat_map(Message::bits).map(|b| f32::from(u8::from(b))).collect();
-        let signs: Vec<f32> = targets.iter().map(|t| 2.0 * t - 1.0).collect();
-        let codes = bit_codes(train, &signs, &text_mean, bits as usize);
         let features = device.buffer_from("key.features", train)?;
         let targets = device.buffer_from("key.targets", &targets)?;
         let mut init = prf.stream(Purpose::DecoderInit, 0);
         let training = DecoderTraining::for_bits(bits as usize);
         let mut trainer = Trainer::new(device, width, bits as usize, training, &mut init)?;
         trainer.run(device, &features, &targets)?;
-        let decoder = trainer.weights()?;
+        key.decoder = trainer.weights()?;
 
-        let reading = capacity::read_held_out(device, &decoder, held_out, &messages[TRAINING_MESSAGES..])?;
+        let reading = capacity::read_held_out(device, &key.decoder, held_out, &messages[TRAINING_MESSAGES..])?;
         capacity::check_reading(&reading, bits as usize, clip.path())?;
         let report = KeyReport {
-            key_id: prf.key_id().to_string(),
+            key_id: key.prf().key_id().to_string(),
             bits: bits as usize,
             spectrum,
             held_out_accuracy: reading.bit_accuracy,
             held_out_exact: reading.exact,
             seconds: started.elapsed().as_secs_f64(),
         };
-        Ok((Self { secret, table, decoder, text_mean, codes, clip: digest_of(clip) }, report))
+        Ok((key, report))
     }
 
-    /// The key's pseudo-random function.
+    /// The part of a key that needs no training: its decoder is one of zeros, which reads nothing.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for a length that the vocabulary cannot hold; when the device fails.
+    pub fn untrained(clip: &ClipModel, secret: MasterSecret, bits: u32) -> Result<Self, EngineError> {
+        let reader = reader_secret(&secret);
+        let prf = Prf::new(&reader);
+        let table = TokenTable::derive(&prf, vocabulary(clip), bits)?;
+        let TextCodes { mean: text_mean, codes } = CodeMessages::embed(clip, &table, &prf)?.codes();
+        Ok(Self {
+            decoder: DecoderWeights::zeros(text_mean.len(), bits as usize),
+            scope: Scope::Owner(secret),
+            reader,
+            table,
+            text_mean,
+            codes,
+            clip: digest_of(clip),
+            path: PathBuf::from("new key"),
+        })
+    }
+
+    /// The key of one asset, by the hash of the unmarked model ([`crate::scene::Model::digest`]).
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] for another asset than the one that a disclosed key is for, and for a key of the first
+    /// version, which has no keys of assets.
+    pub fn for_asset(&self, asset: Digest) -> Result<Self, EngineError> {
+        let secret = match &self.scope {
+            Scope::Owner(secret) => secret,
+            Scope::Asset { asset: own, .. } if *own == asset => return Ok(self.clone()),
+            Scope::Asset { asset: own, .. } => {
+                return Err(bad_data(&self.path, "asset", own, format!("{asset}, the asset in question")));
+            }
+            Scope::First(_) => {
+                let expected =
+                    format!("{}, as `keygen` makes them; older keys read older receipts alone", Self::FORMAT);
+                return Err(bad_data(&self.path, "format", Self::FIRST_FORMAT, expected));
+            }
+        };
+        let scope = Scope::Asset {
+            asset,
+            secret: Prf::new(secret).secret(Purpose::AssetSecret, asset.as_bytes()),
+            signer: Signer::Own(signing_key(secret)),
+        };
+        Ok(Self { scope, ..self.clone() })
+    }
+
+    /// The asset that it is the key of; none for an owner's key of all.
+    #[must_use]
+    pub fn asset(&self) -> Option<Digest> {
+        match self.scope {
+            Scope::First(_) | Scope::Owner(_) => None,
+            Scope::Asset { asset, .. } => Some(asset),
+        }
+    }
+
+    /// The pseudo-random function of the owner, or of the asset if it is an asset's key.
     #[must_use]
     pub fn prf(&self) -> Prf {
-        Prf::new(&self.secret)
+        match &self.scope {
+            Scope::First(secret) | Scope::Owner(secret) | Scope::Asset { secret, .. } => Prf::new(secret),
+        }
+    }
+
+    /// What signs receipts; none in a disclosed key.
+    #[must_use]
+    pub fn signing_key(&self) -> Option<SigningKey> {
+        match &self.scope {
+            Scope::First(secret) | Scope::Owner(secret) => Some(signing_key(secret)),
+            Scope::Asset { signer: Signer::Own(signing_key), .. } => Some(signing_key.clone()),
+            Scope::Asset { signer: Signer::Other(_), .. } => None,
+        }
+    }
+
+    /// What the owner's signatures are checked with.
+    #[must_use]
+    pub fn public_key(&self) -> PublicKey {
+        match &self.scope {
+            Scope::First(secret) | Scope::Owner(secret) => signing_key(secret).public_key(),
+            Scope::Asset { signer: Signer::Own(signing_key), .. } => signing_key.public_key(),
+            Scope::Asset { signer: Signer::Other(public_key), .. } => *public_key,
+        }
+    }
+
+    /// Where the bits' text features lie, as the key file says.
+    #[must_use]
+    pub fn text_codes(&self) -> TextCodes {
+        TextCodes { mean: self.text_mean.clone(), codes: self.codes.clone() }
+    }
+
+    /// Measures again what follows from the secret and CLIP, and refuses a key that says otherwise: nothing of the file
+    /// is taken at its word but what was trained. Of that the decoder, which a receipt commits to, has to read the
+    /// messages' text features.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] naming what does not follow; when the device fails.
+    pub fn check(&self, device: &Device, clip: &ClipModel) -> Result<(), EngineError> {
+        let sample = CodeMessages::embed(clip, &self.table, &Prf::new(&self.reader))?;
+        let deviation = self.text_codes().deviation(&sample.codes());
+        // A NaN is further than any bound.
+        if deviation.is_nan() || deviation > CODES_TOLERANCE {
+            let got = format!("values {deviation:.1e} of their size away from what secret and CLIP give");
+            let expected = format!("at most {CODES_TOLERANCE:e}, which arithmetic explains");
+            return Err(bad_data(&self.path, "text_mean or codes", got, expected));
+        }
+        let shares = capacity::read_bits(device, &self.decoder, &sample.features, &sample.messages)?;
+        match shares.iter().position(|share| *share < LEAST_BIT_ACCURACY || share.is_nan()) {
+            None => Ok(()),
+            Some(bit) => {
+                let got = format!("one that reads bit {bit} right in {:.0} % of messages", 100.0 * shares[bit]);
+                let expected = format!("{:.0} %: it does not read, it recites", 100.0 * LEAST_BIT_ACCURACY);
+                Err(bad_data(&self.path, "decoder", got, format!("at least {expected}")))
+            }
+        }
     }
 
     /// Message bits.
@@ -132,7 +277,7 @@ impl Key {
         u32::try_from(self.bits()).expect("tables are refused unless a message can have their length")
     }
 
-    /// The message that this key alone decides, the same in every model: what `random` stands for.
+    /// The message that this key alone decides: what `random` stands for. An asset's key has one of its own.
     ///
     /// # Panics
     /// Never: a table has as many rows as some message has bits.
@@ -152,62 +297,23 @@ impl Key {
         }
         Digest::of(&bytes)
     }
+}
 
-    /// Writes the key file, whole or not at all.
-    ///
-    /// # Errors
-    /// [`EngineError::CannotCreate`] or [`EngineError::Io`] naming the file.
-    pub fn write(&self, path: &Path, existing: Existing) -> Result<(), EngineError> {
-        let mut file = TensorFile { path: path.to_owned(), ..TensorFile::default() };
-        let bits = self.bits();
-        file.meta.insert("format".to_owned(), FORMAT.to_owned());
-        file.meta.insert("bits".to_owned(), bits.to_string());
-        file.meta.insert("clip".to_owned(), self.clip.to_string());
-        file.meta.insert("secret".to_owned(), hex::encode(self.secret.expose()));
-        let ids = self.table.ids().as_flattened().to_vec();
-        file.tensors.insert("token_table".to_owned(), Tensor::u32(&[bits, 2], ids));
-        file.tensors.insert("text_mean".to_owned(), Tensor::f32(&[self.text_mean.len()], self.text_mean.clone()));
-        file.tensors.insert("codes".to_owned(), Tensor::f32(&[bits, self.text_mean.len()], self.codes.clone()));
-        self.decoder.store(&mut file);
-        let content = Digest::of(&file.to_bytes()?);
-        file.meta.insert(CONTENT.to_owned(), content.to_string());
-        AtomicFile::write(path, existing, &file.to_bytes()?)
-    }
+impl Key {
+    /// `format` entry of a key file.
+    pub const FORMAT: &str = "guard4d.key/2";
+    /// The same of the first version.
+    pub(super) const FIRST_FORMAT: &str = "guard4d.key/1";
+}
 
-    /// Reads a key file made for `clip`, and checks that its table follows from its secret and that nothing was
-    /// changed.
-    ///
-    /// # Errors
-    /// [`EngineError::BadData`] naming what does not fit.
-    pub fn read(path: &Path, clip: &ClipModel) -> Result<Self, EngineError> {
-        let file = TensorFile::read(path)?;
-        file.expect_text("format", FORMAT)?;
-        let bits_text = file.text("bits")?;
-        let bits: u32 = bits_text.parse().map_err(|_| file.bad("bits", bits_text, "a number"))?;
-        let mut secret = [0; 32];
-        hex::decode_to_slice(file.text("secret")?, &mut secret)
-            .map_err(|e| file.bad("secret", &e.to_string(), "64 hex digits"))?;
-        let clip_text = file.text("clip")?;
-        let clip_digest =
-            Digest::from_hex(clip_text).ok_or_else(|| file.bad("clip", clip_text, "a hash of 64 digits"))?;
-        // Another checkpoint's sizes would make the checks below speak of something else.
-        check_clip(path, clip_digest, clip)?;
-        let secret = MasterSecret::from_bytes(secret);
-        let width = clip.config().projection_dim;
-        let key = Self {
-            table: TokenTable::derive(&Prf::new(&secret), vocabulary(clip), bits)?,
-            text_mean: file.finite("text_mean", &[width])?.to_vec(),
-            codes: file.finite("codes", &[bits as usize, width])?.to_vec(),
-            decoder: DecoderWeights::load(&file, width, bits as usize)?,
-            clip: clip_digest,
-            secret,
-        };
-        if file.integers("token_table", &[bits as usize, 2])? != key.table.ids().as_flattened() {
-            return Err(file.bad("token_table", "a table that does not follow from the secret", "the derived table"));
-        }
-        check_content(file)?;
-        Ok(key)
-    }
+/// What an owner's token table and decoder follow from. It is apart from the secrets of assets, so that one can be
+/// disclosed with it.
+pub(super) fn reader_secret(owner: &MasterSecret) -> MasterSecret {
+    Prf::new(owner).secret(Purpose::ReaderSecret, &[])
+}
+
+fn signing_key(owner: &MasterSecret) -> SigningKey {
+    SigningKey::from_seed(Prf::new(owner).secret(Purpose::SigningSeed, &[]).expose())
 }
 
 /// A checkpoint's hash as receipts and keys write it.
@@ -216,32 +322,8 @@ pub fn digest_of(clip: &ClipModel) -> Digest {
     Digest::from_bytes(*clip.hash().as_bytes())
 }
 
-/// Refuses another checkpoint than the one that a key was made with.
-fn check_clip(path: &Path, made_with: Digest, clip: &ClipModel) -> Result<(), EngineError> {
-    if made_with == digest_of(clip) {
-        return Ok(());
-    }
-    Err(EngineError::BadData {
-        path: path.to_owned(),
-        field: "clip".to_owned(),
-        got: format!("a key made with checkpoint {made_with}"),
-        expected: format!("one made with checkpoint {} ({})", digest_of(clip), clip.path().display()),
-    })
-}
-
-/// Refuses a file of which anything was changed: what was trained does not follow from the secret at a glance.
-fn check_content(mut file: TensorFile) -> Result<(), EngineError> {
-    let stated = file.text(CONTENT)?.to_owned();
-    file.meta.remove(CONTENT);
-    let found = Digest::of(&file.to_bytes()?).to_string();
-    if found == stated {
-        return Ok(());
-    }
-    Err(file.bad(CONTENT, &found, &format!("{stated}: the key was changed after it was made")))
-}
-
 #[allow(clippy::cast_possible_truncation, reason = "token ids are 32-bit")]
-fn vocabulary(clip: &ClipModel) -> Vocabulary {
+pub(super) fn vocabulary(clip: &ClipModel) -> Vocabulary {
     let text = &clip.config().text_config;
     Vocabulary { size: text.vocab_size as u32, context: text.max_position_embeddings as u32 }
 }
@@ -291,27 +373,4 @@ fn draw_messages(prf: &Prf, bits: u32) -> Result<Vec<Message>, EngineError> {
         }
     }
     Ok(messages)
-}
-
-/// Where the master secret of a new key comes from.
-///
-/// # Errors
-/// [`EngineError::MissingInput`] or [`EngineError::Io`] naming the file; [`EngineError::BadData`] unless it holds 64
-/// hex digits.
-pub fn read_secret(path: Option<&PathBuf>) -> Result<MasterSecret, EngineError> {
-    let Some(path) = path else { return MasterSecret::generate() };
-    let text = std::fs::read_to_string(path).map_err(|source| match source.kind() {
-        std::io::ErrorKind::NotFound => {
-            EngineError::MissingInput { path: path.clone(), expected: "a file with a master secret".to_owned() }
-        }
-        _ => EngineError::Io { path: path.clone(), source },
-    })?;
-    let mut bytes = [0; 32];
-    hex::decode_to_slice(text.trim(), &mut bytes).map_err(|e| EngineError::BadData {
-        path: path.clone(),
-        field: "secret".to_owned(),
-        got: e.to_string(),
-        expected: "64 hex digits".to_owned(),
-    })?;
-    Ok(MasterSecret::from_bytes(bytes))
 }

@@ -1,9 +1,6 @@
 //! Bit-to-token table: how a message becomes a sentence for CLIP's text tower.
 
-use nalgebra::DMatrix;
-
 use crate::base::digest::Digest;
-use crate::base::matrix::{row_major, rows};
 use crate::base::prf::{Prf, Purpose, uniform_below};
 use crate::error::EngineError;
 use crate::evidence::message::{MAX_MESSAGE_BITS, Message};
@@ -126,15 +123,4 @@ impl TokenTable {
         let bytes: Vec<u8> = words.iter().chain(self.ids.as_flattened()).flat_map(|word| word.to_le_bytes()).collect();
         Digest::of(&bytes)
     }
-}
-
-/// Half the mean change of the text feature when a bit flips from 0 to 1 `[L, D]`.
-///
-/// # Shapes
-/// in `features` \[n, D\] · `signs` \[n, L\], ±1 · `mean` \[D\]
-#[must_use]
-pub fn bit_codes(features: &[f32], signs: &[f32], mean: &[f32], bits: usize) -> Vec<f32> {
-    let width = mean.len();
-    let centred = DMatrix::from_fn(features.len() / width, width, |i, j| f64::from(features[i * width + j] - mean[j]));
-    row_major(&(rows(signs, bits).tr_mul(&centred) / centred.nrows().max(1) as f64))
 }

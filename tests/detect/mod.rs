@@ -1,0 +1,4 @@
+//! The questions that suspects are asked.
+
+mod opened;
+mod request;
