@@ -11,6 +11,7 @@ use crate::evidence::judgement::Evidence;
 use crate::evidence::message::Message;
 use crate::media::framing::Rect;
 use crate::picture::undo_guess::UndoGuess;
+use crate::release::dating::standing::Standing;
 use crate::watermark::extractor::rotation::KeyRotation;
 
 /// The evidence, with what went into it.
@@ -20,6 +21,9 @@ pub struct VerifyReport {
     pub evidence: Evidence,
     /// What the evidence rests on: the receipt's commitment. That it is older than the clip, this report cannot say.
     pub commitment: Digest,
+    /// Its date, if it has one, and the root that it is under.
+    #[serde(flatten)]
+    pub standing: Standing,
     /// Rotation that the extractor reads through.
     pub key_rotation: KeyRotation,
     /// What was undone, if there was anything to guess.

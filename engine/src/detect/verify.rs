@@ -20,6 +20,7 @@ use crate::evidence::other_keys::OtherKeys;
 use crate::media::{Frame, ReadOptions};
 use crate::networks::clip::ClipModel;
 use crate::picture::undo_guess::GuessSearch;
+use crate::release::dating::standing::{DateFiles, Standing};
 use crate::watermark::extractor::pretrained::PretrainedExtractor;
 use crate::watermark::extractor::reader::Reader;
 use crate::watermark::key::owner_key::Key;
@@ -55,6 +56,8 @@ pub struct VerifyInputs {
     pub clean: Vec<Vec<Frame>>,
     /// Keys that had no part in the embedding.
     pub other_keys: Vec<OtherKey>,
+    /// What dates the receipt.
+    pub dates: DateFiles,
 }
 
 impl VerifyRequest<'_> {
@@ -64,7 +67,8 @@ impl VerifyRequest<'_> {
     /// The framing of `options` is for suspect videos alone, as that is where a picture can have been framed anew.
     ///
     /// # Errors
-    /// [`EngineError::BadData`] when receipt, key, message, extractor or a clip do not fit; when the device fails.
+    /// [`EngineError::BadData`] when receipt, key, message, extractor, date or a clip do not fit; when the device
+    /// fails.
     pub fn verify(&self, inputs: &VerifyInputs, options: &ReadOptions) -> Result<VerifyReport, EngineError> {
         self.verify_observed(inputs, options, &mut Unobserved)
     }
@@ -82,6 +86,7 @@ impl VerifyRequest<'_> {
         let (key, prf) = (self.key, self.key.prf());
         let opened = Opened::open(self.receipt, key, self.sought, self.pretrained)?;
         let (extractor, promised) = (opened.extractor(), opened.promised());
+        let standing = Standing::find(self.receipt, &opened.commitment(), &inputs.dates)?;
 
         let reader = Reader::new(self.device, self.clip, key, extractor)?;
         let mut reader = ClipReader::new(self.device, reader, key.num_bits(), options, observer);
@@ -90,7 +95,7 @@ impl VerifyRequest<'_> {
 
         let answer = nearest(&suspects, key.num_bits(), promised, &prf, opened.rule().statistic)?;
         let tried = u32::try_from(guesses.len()).unwrap_or(u32::MAX);
-        let chosen = extractor.key_rotation.of.saturating_mul(tried);
+        let chosen = extractor.key_rotation.of.saturating_mul(tried).saturating_mul(standing.receipts());
 
         let mut controls = read_unmarked(&mut reader, &inputs.unrelated, &inputs.clean, answer.message())?;
         let features = &suspects.features()[answer.guess()].features;
@@ -104,6 +109,7 @@ impl VerifyRequest<'_> {
         Ok(VerifyReport {
             evidence,
             commitment: opened.commitment(),
+            standing,
             key_rotation: extractor.key_rotation,
             undone: (tried > 1).then(|| Undone { guess: guesses[answer.guess()], tried }),
             id: answer.id_evidence(promised, chosen, extractor.mode),
