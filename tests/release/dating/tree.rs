@@ -1,10 +1,14 @@
 //! Trees of commitments: their shape, their roots, and the ways from leaves to roots.
 
 use guard4d_engine::base::digest::Digest;
-use guard4d_engine::release::dating::tree::{path_of, root_along, root_of};
+use guard4d_engine::release::dating::tree::{Tree, root_along};
 
 fn leaves(n: usize) -> Vec<Digest> {
     (0..n).map(|i| Digest::of(&i.to_le_bytes())).collect()
+}
+
+fn tree(leaves: &[Digest]) -> Tree {
+    Tree::over(leaves).expect("there are leaves")
 }
 
 fn hash(parts: &[&[u8]]) -> Digest {
@@ -31,18 +35,20 @@ fn roots_are_those_of_the_definition_with_the_number_of_leaves() {
     for n in 1..=33 {
         let leaves = leaves(n);
         let expected = hash(&[&[2], &(n as u64).to_le_bytes(), head(&leaves).as_bytes()]);
-        assert_eq!(root_of(&leaves), Some(expected), "{n} leaves");
+        assert_eq!(tree(&leaves).root(), expected, "{n} leaves");
     }
-    assert_eq!(root_of(&[]), None, "nothing has no root");
+    assert!(Tree::over(&[]).is_none(), "nothing has no root");
 }
 
 #[test]
 fn every_leaf_leads_to_the_root_and_nothing_else_does() {
     for n in 1..=33_u64 {
         let leaves = leaves(n as usize);
-        let root = root_of(&leaves);
+        let tree = tree(&leaves);
+        let root = Some(tree.root());
+        assert_eq!(tree.path(n as usize), None, "no such leaf");
         for index in 0..n {
-            let (leaf, path) = (leaves[index as usize], path_of(&leaves, index as usize));
+            let (leaf, path) = (leaves[index as usize], tree.path(index as usize).expect("a leaf"));
             assert_eq!(root_along(&leaf, index, n, &path), root, "leaf {index} of {n}");
             let other = Digest::of(b"another");
             assert_ne!(root_along(&other, index, n, &path), root, "another leaf at {index} of {n}");

@@ -31,10 +31,9 @@ pub fn commit(paths: &[PathBuf], out: &Path, existing: Existing) -> Result<Root,
     for target in places.values().map(PathBuf::as_path).chain([out]) {
         drop(AtomicFile::create(target, existing)?);
     }
-    for (commitment, target) in &places {
-        if let Some(proof) = root.prove(commitment) {
-            proof.write(target, existing)?;
-        }
+    // Both are in the order of the commitments.
+    for (proof, target) in root.proofs().iter().zip(places.values()) {
+        proof.write(target, existing)?;
     }
     // Last, so that a root that is there has all its proofs.
     root.write(out, existing)?;

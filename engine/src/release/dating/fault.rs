@@ -6,6 +6,11 @@ use std::path::Path;
 use crate::base::files::bad_data;
 use crate::error::EngineError;
 
+/// Text without control characters: names in certificates come from anywhere, and are shown in terminals.
+pub(super) fn printable(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { char::REPLACEMENT_CHARACTER } else { c }).collect()
+}
+
 /// A field that holds something other than it should.
 #[derive(Debug)]
 pub(super) struct Fault {
@@ -17,7 +22,7 @@ pub(super) struct Fault {
 impl Fault {
     /// `got` in `field` where `expected` should be.
     pub(super) fn new(field: &'static str, got: impl Display, expected: impl Display) -> Self {
-        Self { field, got: got.to_string(), expected: expected.to_string() }
+        Self { field, got: printable(&got.to_string()), expected: printable(&expected.to_string()) }
     }
 
     /// For `map_err` of what parses `field`.

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::proof::Proof;
-use super::tree::{MAX_LEAVES, path_of, root_of};
+use super::tree::{MAX_LEAVES, Tree};
 use crate::base::digest::Digest;
 use crate::base::files::{bad_data, read_file};
 use crate::base::json;
@@ -46,7 +46,7 @@ impl Root {
             return Err(usage(format!("the commitment {} twice", twice[0]), "each once"));
         }
         let receipts = u32::try_from(commitments.len()).ok().filter(|n| *n <= MAX_LEAVES);
-        match receipts.zip(root_of(&commitments)) {
+        match receipts.zip(Tree::over(&commitments).map(|tree| tree.root())) {
             Some((receipts, root)) => Ok(Self { schema: RootSchema::V1, receipts, root, commitments }),
             None => Err(usage(commitments.len().to_string(), &format!("1 to {MAX_LEAVES}"))),
         }
@@ -74,7 +74,7 @@ impl Root {
             let expected = format!("{}, the number of commitments, at most {MAX_LEAVES}", found.commitments.len());
             return Err(bad_data(path, "receipts", found.receipts, expected));
         }
-        match root_of(&found.commitments) {
+        match Tree::over(&found.commitments).map(|tree| tree.root()) {
             Some(root) if root == found.root => Ok(found),
             Some(root) => Err(bad_data(path, "root", found.root, format!("{root}, the root of the commitments"))),
             None => Err(bad_data(path, "commitments", "none", "at least one")),
@@ -113,11 +113,14 @@ impl Root {
         self.commitments.binary_search(commitment).is_ok()
     }
 
-    /// A proof that `commitment` is covered, which names no other commitment; none if it is not.
+    /// For each of the commitments, in order, a proof that it is covered, which names no other.
     #[must_use]
-    pub fn prove(&self, commitment: &Digest) -> Option<Proof> {
-        let index = self.commitments.binary_search(commitment).ok()?;
-        let path = path_of(&self.commitments, index);
-        Some(Proof::new(*commitment, u32::try_from(index).ok()?, self.receipts, self.root, path))
+    pub fn proofs(&self) -> Vec<Proof> {
+        let Some(tree) = Tree::over(&self.commitments) else { return Vec::new() };
+        let proof = |(index, commitment): (u32, &Digest)| {
+            let path = tree.path(index as usize)?;
+            Some(Proof::new(*commitment, index, self.receipts, self.root, path))
+        };
+        (0..).zip(&self.commitments).filter_map(proof).collect()
     }
 }

@@ -16,7 +16,7 @@ use x509_cert::spki::AlgorithmIdentifierOwned;
 
 use super::authorities::Authorities;
 use super::certificate::check_stamps;
-use super::fault::Fault;
+use super::fault::{Fault, printable};
 use super::request::Request;
 use super::signature::{Hash, Signed};
 use super::subject::imprint;
@@ -213,7 +213,7 @@ impl Token {
         Stamp {
             date: self.moment.to_string(),
             accuracy_s: self.info.accuracy.map(|accuracy| accuracy.seconds()),
-            authority: self.own.tbs_certificate().subject().to_string(),
+            authority: printable(&self.own.tbs_certificate().subject().to_string()),
             trust,
             serial: hex::encode(self.info.serial.as_bytes()),
             policy: self.info.policy.to_string(),

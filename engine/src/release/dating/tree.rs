@@ -39,48 +39,43 @@ fn close(head: &Digest, leaves: u64) -> Digest {
     hash(Kind::Root, [&leaves.to_le_bytes(), head.as_bytes()])
 }
 
-/// Where RFC 9162 splits a tree: the largest power of two below `leaves`, which are at least two.
-fn split(leaves: usize) -> usize {
-    leaves.next_power_of_two() / 2
+/// A tree over commitments, with all that proofs are made of.
+#[derive(Clone, Debug)]
+pub struct Tree {
+    /// Hashes of the leaves, then of ever larger parts; the last row is the head alone. The last of an odd row goes up
+    /// as it is, which gives the shape of RFC 9162: there the left part has as many leaves as fit a full tree.
+    rows: Vec<Vec<Digest>>,
 }
 
-fn head(commitments: &[Digest]) -> Digest {
-    match commitments {
-        [one] => leaf(one),
-        // That a tree without leaves is refused, callers see to.
-        many => {
-            let (left, right) = many.split_at(split(many.len()));
-            pair(&head(left), &head(right))
+impl Tree {
+    /// The tree over commitments in their order; none without a commitment.
+    #[must_use]
+    pub fn over(commitments: &[Digest]) -> Option<Self> {
+        let mut row: Vec<Digest> = commitments.iter().map(leaf).collect();
+        let mut rows = Vec::new();
+        while row.len() > 1 {
+            let above = row.chunks(2).map(|two| two.get(1).map_or(two[0], |right| pair(&two[0], right))).collect();
+            rows.push(std::mem::replace(&mut row, above));
         }
+        let is_there = !row.is_empty();
+        rows.push(row);
+        is_there.then_some(Self { rows })
     }
-}
 
-/// The root of commitments in their order; none without a commitment.
-#[must_use]
-pub fn root_of(commitments: &[Digest]) -> Option<Digest> {
-    (!commitments.is_empty()).then(|| close(&head(commitments), commitments.len() as u64))
-}
-
-/// The heads beside the way from the leaf `index` to the tree's head, lowest first (RFC 9162, section 2.1.3.1).
-///
-/// # Panics
-/// If there is no such leaf.
-#[must_use]
-pub fn path_of(commitments: &[Digest], index: usize) -> Vec<Digest> {
-    assert!(index < commitments.len(), "leaf {index} of {}", commitments.len());
-    let (mut part, mut index, mut path) = (commitments, index, Vec::new());
-    while part.len() > 1 {
-        let (left, right) = part.split_at(split(part.len()));
-        if index < left.len() {
-            path.push(head(right));
-            part = left;
-        } else {
-            path.push(head(left));
-            (part, index) = (right, index - left.len());
-        }
+    /// The root.
+    #[must_use]
+    pub fn root(&self) -> Digest {
+        let head = self.rows.last().expect("the row of the head is always there");
+        close(&head[0], self.rows[0].len() as u64)
     }
-    path.reverse();
-    path
+
+    /// The heads beside the way from the leaf `index` to the tree's head, lowest first (RFC 9162, section 2.1.3.1).
+    /// None where there is no such leaf.
+    #[must_use]
+    pub fn path(&self, index: usize) -> Option<Vec<Digest>> {
+        let beside = |(height, row): (usize, &Vec<Digest>)| row.get((index >> height) ^ 1).copied();
+        (index < self.rows[0].len()).then(|| self.rows.iter().enumerate().filter_map(beside).collect())
+    }
 }
 
 /// The root that `commitment` belongs to as the leaf `index` of `leaves`, if the heads of `path` stand beside its way
