@@ -4,6 +4,7 @@ use clap::{Parser, Subcommand};
 use guard4d_lab::command::LabArgs;
 
 use crate::commands::attack::AttackArgs;
+use crate::commands::commit::CommitArgs;
 use crate::commands::completions::CompletionsArgs;
 use crate::commands::convert::ConvertArgs;
 use crate::commands::demo::DemoArgs;
@@ -14,6 +15,7 @@ use crate::commands::keygen::KeygenArgs;
 use crate::commands::man::ManArgs;
 use crate::commands::reference::ReferenceArgs;
 use crate::commands::render::RenderArgs;
+use crate::commands::timestamp::TimestampArgs;
 use crate::commands::undo::UndoArgs;
 use crate::commands::verify::VerifyArgs;
 use crate::flags::common::Common;
@@ -47,6 +49,16 @@ pub(crate) enum Command {
     Embed(Box<EmbedArgs>),
     /// Reads a mark from films, frames or a model, and says how sure that is
     Verify(Box<VerifyArgs>),
+    /// Makes one root of many receipts, so that one date covers them all
+    ///
+    /// Beside each receipt it writes a proof that the receipt is under the root: receipt.proof.json for receipt.json. A
+    /// proof names no other receipt. `verify` finds it there, and counts each claim once for every receipt of the root.
+    Commit(CommitArgs),
+    /// Has a receipt or a root dated by a time-stamping authority (RFC 3161)
+    ///
+    /// Nothing is sent: `request` writes a file for the authority, `attach` takes what it answered, `check` says what
+    /// the date is worth.
+    Timestamp(TimestampArgs),
     /// Hands over what a third party needs to verify one asset, and nothing more
     Disclose(DiscloseArgs),
     /// Restores the original of a marked model, byte for byte

@@ -14,8 +14,8 @@ use guard4d_engine::error::{EngineError, INTERNAL_ERROR};
 
 use command_line::{Cli, Command};
 use commands::{
-    attack, completions, convert, demo, devices, disclose, embed, inspect, keygen, lab, man, reference, render, undo,
-    verify,
+    attack, commit, completions, convert, demo, devices, disclose, embed, inspect, keygen, lab, man, reference, render,
+    timestamp, undo, verify,
 };
 use ui::log;
 use ui::outcome::Outcome;
@@ -49,6 +49,7 @@ fn run(cli: &Cli) -> Result<Outcome, EngineError> {
     let common = &cli.common;
     match &cli.command {
         Command::Attack(args) => attack::run(args, common),
+        Command::Commit(args) => commit::run(args, common),
         Command::Completions(args) => completions::run(args, &Cli::command()),
         Command::Convert(args) => convert::run(args, common),
         Command::Demo(args) => demo::run(args, common),
@@ -61,6 +62,7 @@ fn run(cli: &Cli) -> Result<Outcome, EngineError> {
         Command::Man(args) => man::run(args, &Cli::command()),
         Command::Reference(args) => reference::run(args, &Cli::command()),
         Command::Render(args) => render::run(args, common),
+        Command::Timestamp(args) => timestamp::run(args, common),
         Command::Undo(args) => undo::run(args),
         Command::Verify(args) => verify::run(args, common),
     }

@@ -1,6 +1,7 @@
 //! The commands: of each, its arguments and what it does.
 
 pub(crate) mod attack;
+pub(crate) mod commit;
 pub(crate) mod completions;
 pub(crate) mod convert;
 pub(crate) mod demo;
@@ -13,5 +14,6 @@ pub(crate) mod lab;
 pub(crate) mod man;
 pub(crate) mod reference;
 pub(crate) mod render;
+pub(crate) mod timestamp;
 pub(crate) mod undo;
 pub(crate) mod verify;

@@ -11,6 +11,7 @@ use guard4d_engine::detect::sought::Sought;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::media::ReadOptions;
 use guard4d_engine::networks::clip::ClipSource;
+use guard4d_engine::release::dating::standing::DateFiles;
 use guard4d_engine::release::receipt::Receipt;
 use guard4d_engine::render::render_frames;
 use guard4d_engine::scene::Model;
@@ -19,6 +20,7 @@ use guard4d_engine::watermark::key::owner_key::Key;
 
 use crate::flags::common::Common;
 use crate::flags::frames::{FrameArgs, FramingArgs};
+use crate::flags::trust::TrustArgs;
 use crate::flags::views::EvaluationViews;
 use crate::shared::media::read_some;
 use crate::shared::views::cameras;
@@ -80,6 +82,16 @@ pub(crate) struct VerifyArgs {
     /// Key of somebody else, as long as the owner's: it must not find its own message
     #[arg(long, value_name = "FILE", help_heading = "Controls")]
     other_key: Vec<PathBuf>,
+    /// Root or proof of `commit` that the receipt is under [default: receipt.proof.json, if it lies beside the receipt]
+    ///
+    /// Any receipt of the root could have been the one that fits, so that every p-value is multiplied by their number.
+    #[arg(long, value_name = "FILE", help_heading = "Date")]
+    root: Option<PathBuf>,
+    /// Time-stamp token of the receipt or of its root [default: the .tst file beside either]
+    #[arg(long, value_name = "FILE", help_heading = "Date")]
+    timestamp: Option<PathBuf>,
+    #[command(flatten)]
+    trust: TrustArgs,
     #[command(flatten)]
     frames: FrameArgs,
     #[command(flatten)]
@@ -108,6 +120,11 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
         unrelated: args.unrelated.clone(),
         clean,
         other_keys,
+        dates: DateFiles {
+            root: args.root.clone(),
+            timestamp: args.timestamp.clone(),
+            authorities: args.trust.ca.clone(),
+        },
     };
     let request = VerifyRequest {
         device: &device,

@@ -6,4 +6,5 @@ pub(crate) mod film;
 pub(crate) mod frames;
 pub(crate) mod overwrite;
 pub(crate) mod size;
+pub(crate) mod trust;
 pub(crate) mod views;

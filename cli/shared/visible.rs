@@ -18,6 +18,7 @@ pub(crate) fn visible(command: &Command) -> Command {
         shown = shown.version(version.to_owned());
     }
     shown
+        .subcommand_required(command.is_subcommand_required_set())
         .args(command.get_arguments().filter(|arg| !arg.is_hide_set()).cloned())
         .subcommands(command.get_subcommands().filter(|command| !command.is_hide_set()).map(visible))
 }

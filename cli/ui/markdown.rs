@@ -27,7 +27,7 @@ pub(crate) fn commands(mut root: Command) -> String {
         let _ = writeln!(page, "| [`{name}`](#guard4d-{name}) | {about} |");
     }
     for command in commands {
-        page.push_str(&section(command));
+        page.push_str(&section(command, ""));
     }
     page.push_str("\n## Flags of every command\n");
     page.push_str(&flags(root.get_arguments().filter(|arg| arg.is_global_set())));
@@ -37,18 +37,22 @@ pub(crate) fn commands(mut root: Command) -> String {
     page
 }
 
-/// One command: what it does, how it is called, what it takes.
-fn section(command: &Command) -> String {
+/// One command, and those below it: what it does, how it is called, what it takes. `above` is the name of the command
+/// that it is one of, with a space behind it.
+fn section(command: &Command, above: &str) -> String {
+    let name = format!("{above}{}", command.get_name());
     let usage = command.clone().render_usage().to_string();
     let usage = usage.trim_start_matches("Usage: ");
     let about = text(command.get_long_about().or_else(|| command.get_about()), "");
-    let mut section = format!("\n## guard4d {}\n\n{about}\n```text\n{usage}\n```\n", command.get_name());
+    let mut section = format!("\n## guard4d {name}\n\n{about}\n```text\n{usage}\n```\n");
     let arguments: Vec<&Arg> = command.get_positionals().collect();
     if !arguments.is_empty() {
         section.push_str("\n### Arguments\n\n");
         section.extend(arguments.into_iter().map(entry));
     }
     section.push_str(&flags(command.get_arguments().filter(|arg| !arg.is_positional() && !arg.is_global_set())));
+    let below = command.get_subcommands().filter(|command| command.get_name() != "help");
+    section.extend(below.map(|command| self::section(command, &format!("{name} "))));
     section
 }
 

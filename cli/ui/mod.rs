@@ -1,6 +1,7 @@
 //! What whoever runs the program sees and sends: exit codes, results, notes, progress and signals.
 
 pub(crate) mod config_markdown;
+pub(crate) mod dates;
 pub(crate) mod log;
 pub(crate) mod markdown;
 pub(crate) mod outcome;

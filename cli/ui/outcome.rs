@@ -5,12 +5,15 @@ use guard4d_engine::evidence::judgement::Verdict;
 /// Exit code when `embed` did what it was asked to, and the result is not good enough.
 const GATE_MISSED: u8 = 1;
 
+/// Exit code when nobody has checked who made a date.
+const DATE_CLAIMED: u8 = 4;
+
 /// Shown below `--help`. [`Outcome::exit_code`], `Verdict::exit_code` and `EngineError::exit_code` give these numbers.
 pub(crate) const EXIT_CODES: &str = "Exit codes:
   0   done; verify, demo: the mark is present
   1   verify, demo: absent; embed: the quality gate was missed (the receipt has the numbers)
   2   wrong usage
-  4   verify, demo: inconclusive
+  4   verify, demo: inconclusive; timestamp check: no authority was given to check the date by
   65  an input's content is wrong          66  an input is missing
   69  no suitable device or program, or    70  internal error
       too little device memory or budget
@@ -24,6 +27,8 @@ pub(crate) enum Outcome {
     Done,
     /// `embed`: the quality gate was missed.
     GateMissed,
+    /// `timestamp check`: the token is whole, and whoever made it was not checked.
+    DateClaimed,
     /// `verify` and `demo`: this is the answer.
     Judged(Verdict),
 }
@@ -33,6 +38,7 @@ impl Outcome {
         match self {
             Self::Done => 0,
             Self::GateMissed => GATE_MISSED,
+            Self::DateClaimed => DATE_CLAIMED,
             Self::Judged(verdict) => verdict.exit_code(),
         }
     }

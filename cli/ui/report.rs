@@ -103,8 +103,8 @@ pub(crate) fn evidence_in_words(mode: ExtractorMode, is_chosen: bool) -> &'stati
     match (mode.is_message_blind(), is_chosen) {
         (true, false) => "exact p-value: the extractor never saw the message",
         (true, true) => {
-            "p-value at most: a rotation or an edit was chosen with the message in hand, and all that could have been \
-             are counted"
+            "p-value at most: a rotation, an edit or a receipt was chosen with the message in hand, and all that could \
+             have been are counted"
         }
         (false, _) => "empirical only: the extractor was trained with the message and may hold it itself",
     }

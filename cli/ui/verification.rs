@@ -9,6 +9,7 @@ use guard4d_engine::evidence::other_keys::OtherKeysResult;
 use guard4d_engine::media::framing::Rect;
 use guard4d_engine::picture::undo_guess::UndoGuess;
 
+use super::dates::{date_in_words, not_shown, root_in_words};
 use super::report::{Row, evidence_in_words, percent, table};
 
 /// All of it as a table.
@@ -17,9 +18,10 @@ pub(crate) fn human(report: &VerifyReport) -> String {
     let p = p_in_words(&e.p_value);
     let mut rows = vec![
         ("verdict", format!("{:?}", e.verdict).to_uppercase()),
+        ("dated", date_in_words(&report.standing)),
         ("bits", format!("{} of {} match ({} frames)", e.matches, e.num_bits, report.frames)),
         ("bit accuracy", format!("{}, recovered exactly: {}", percent(e.bit_accuracy), yes_or_no(e.exact))),
-        ("evidence", evidence_in_words(e.mode, report.key_rotation.of > 1 || report.undone.is_some()).to_owned()),
+        ("evidence", evidence_in_words(e.mode, is_chosen(report)).to_owned()),
         ("p-value", p),
     ];
     rows.extend(e.panel.pools.iter().map(|pool| ("control", pool_in_words(pool))));
@@ -57,10 +59,8 @@ pub(crate) fn human(report: &VerifyReport) -> String {
     rows.push(choices_row(&report.choices));
     rows.push(("the extractor's free part", free_part_in_words(&report.free_part)));
     rows.push(("receipt", report.commitment.to_string()));
-    rows.push((
-        "not shown here",
-        "that the receipt is older than the clip; a timestamp by someone else can".to_owned(),
-    ));
+    rows.extend(report.standing.root.as_ref().map(|root| ("root", root_in_words(root))));
+    rows.push(("not shown here", not_shown(&report.standing).to_owned()));
     table(&rows)
 }
 
@@ -99,6 +99,11 @@ fn choices_row(choices: &Choices) -> Row {
     };
     words.push(counted);
     ("chosen by hand", words.join("; "))
+}
+
+/// Whether the claim was chosen from several that could have been made.
+fn is_chosen(report: &VerifyReport) -> bool {
+    report.key_rotation.of > 1 || report.undone.is_some() || report.standing.receipts() > 1 || report.choices.claims > 1
 }
 
 fn other_keys_in_words(keys: &OtherKeysResult) -> String {

@@ -50,7 +50,9 @@ fn zsh_completes_every_command_and_flag() {
 fn fish_completes_every_command_and_flag() {
     let script = script("fish");
     for command in commands() {
-        let listed = parts(&script, &format!("__fish_guard4d_using_subcommand {command}\""), "\n").join("\n");
+        // Of a command with commands of its own, as long as none of these has been named.
+        let starts = ["\"", "; and not "].map(|end| format!("__fish_guard4d_using_subcommand {command}{end}"));
+        let listed = starts.map(|start| parts(&script, &start, "\n").join("\n")).join("\n");
         for flag in flags(&command) {
             assert!(listed.lines().any(|line| line.contains(&format!("-l {flag}"))), "{command} --{flag}:\n{listed}");
         }

@@ -1,6 +1,7 @@
 //! The program itself: exit codes, messages, what goes to stdout, and what is left on disk.
 
 mod cameras;
+mod commit;
 mod completions;
 mod controls;
 mod convert;
@@ -22,6 +23,7 @@ mod outputs;
 mod pretrain;
 mod reference;
 mod study;
+mod timestamp;
 mod undo;
 mod usage;
 mod verify;
@@ -131,8 +133,30 @@ fn guard4d(args: &[&dyn AsRef<OsStr>]) -> Run {
 
 /// Commands that `--help` shows, in its order, but for `help` itself.
 fn commands() -> Vec<String> {
-    let help = guard4d(&[&"-h"]).stdout;
-    let (_, list) = help.split_once("Commands:\n").expect("a list of commands");
+    commands_of("")
+}
+
+/// Every command that `--help` shows, each followed by its own commands, such as `timestamp check`.
+fn all_commands() -> Vec<String> {
+    let mut all = Vec::new();
+    for command in commands() {
+        let below: Vec<_> = commands_of(&command).iter().map(|below| format!("{command} {below}")).collect();
+        all.push(command);
+        all.extend(below);
+    }
+    all
+}
+
+/// Runs `command`, whose words stand in one string, with one more.
+fn ask(command: &str, flag: &str) -> String {
+    let words: Vec<&str> = command.split_whitespace().chain([flag]).collect();
+    guard4d(&words.iter().map(|word| word as _).collect::<Vec<&dyn AsRef<OsStr>>>()).stdout
+}
+
+/// Commands below `command`, or below none.
+fn commands_of(command: &str) -> Vec<String> {
+    let help = ask(command, "-h");
+    let Some((_, list)) = help.split_once("Commands:\n") else { return Vec::new() };
     let lines = list.lines().take_while(|line| !line.is_empty());
     // The text of a command goes on further to the right.
     let names = lines.filter(|line| !line.starts_with("   ")).filter_map(|line| line.split_whitespace().next());
@@ -141,7 +165,7 @@ fn commands() -> Vec<String> {
 
 /// Long names of the flags that `--help` of a command shows, without hyphens before them.
 fn flags(command: &str) -> Vec<String> {
-    let help = guard4d(&[&command, &"--help"]).stdout;
+    let help = ask(command, "--help");
     // Texts, which can begin with the name of another flag, stand further to the right.
     let entries = help.lines().filter(|line| !line.starts_with("       ") && line.trim_start().starts_with('-'));
     let names = entries.filter_map(|line| line.split("--").nth(1)).map(|name| {

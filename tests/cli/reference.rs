@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use super::{commands, flags, guard4d};
+use super::{all_commands, flags, guard4d};
 
 /// Set to 1, it lets the test write the pages instead of comparing them.
 const RENEW: &str = "GUARD4D_RENEW";
@@ -32,7 +32,7 @@ fn current(page: &str) -> String {
 #[test]
 fn the_page_of_commands_is_current_and_whole() {
     let page = current("cli");
-    for command in commands() {
+    for command in all_commands() {
         let (_, section) = page.split_once(&format!("\n## guard4d {command}\n")).expect(&command);
         let section = section.split("\n## ").next().unwrap_or(section);
         for flag in flags(&command) {

@@ -1,12 +1,11 @@
 //! Wrong usage, JSON, and what goes where.
 
-use std::ffi::OsStr;
 use std::process::Command;
 
 use guard4d_engine::evidence::extractor_mode::ExtractorMode;
 use serde_json::Value;
 
-use super::{commands, flags, guard4d, names, scratch};
+use super::{all_commands, ask, commands, flags, guard4d, names, scratch};
 use crate::support::fixture::TinyModel;
 use crate::support::gpu::device;
 
@@ -74,6 +73,8 @@ fn help_shows_what_users_need_in_narrow_lines() {
         "keygen",
         "embed",
         "verify",
+        "commit",
+        "timestamp",
         "disclose",
         "undo",
         "render",
@@ -86,11 +87,10 @@ fn help_shows_what_users_need_in_narrow_lines() {
     ];
     assert_eq!(commands(), expected, "in the order of their use; what research needs is hidden");
     assert_eq!(own_flags("demo"), ["out", "seed", "overwrite"], "what shortens the demonstration is hidden");
-    for command in ["", "lab", "reference"].into_iter().chain(expected) {
+    let shown = all_commands();
+    for command in ["", "lab", "reference"].into_iter().chain(shown.iter().map(String::as_str)) {
         for help in ["-h", "--help"] {
-            let words = [command, help];
-            let args: Vec<&dyn AsRef<OsStr>> = words.iter().filter(|arg| !arg.is_empty()).map(|arg| arg as _).collect();
-            let text = guard4d(&args).stdout;
+            let text = ask(command, help);
             let wide: Vec<&str> = text.lines().filter(|line| line.chars().count() > 100).collect();
             assert!(wide.is_empty(), "guard4d {command} {help}: {wide:#?}");
             let heading =

@@ -11,6 +11,7 @@ use guard4d_engine::media::encode::{EncodeOptions, write_video};
 use guard4d_engine::media::png::{write_png, write_png_folder};
 
 use super::{Run, guard4d, put, scratch};
+use crate::support::authority::{Authority, P256, has_openssl, receipt};
 use crate::support::gpu::device;
 use crate::support::owner::delivered;
 
@@ -214,4 +215,64 @@ fn keys_are_shown_without_their_secret() {
         run.done();
         assert!(run.stdout.contains("guard4d.key/2") && !run.stdout.contains(&secret), "{}", run.stdout);
     }
+}
+
+/// The delivered embedding's private files in a folder of their own, beside which dates can lie.
+fn private_copy(owner: &Path, folder: &Path) -> PathBuf {
+    for name in ["receipt.json", "extractor.safetensors"] {
+        fs::copy(owner.join("out/private").join(name), folder.join(name)).expect("writable");
+    }
+    folder.join("receipt.json")
+}
+
+#[test]
+fn a_date_stands_beside_the_verdict_and_a_root_is_paid_for() {
+    let Some(gpu) = device() else { return };
+    if !has_openssl() {
+        return;
+    }
+    let (owner, folder, authority) = (delivered(&gpu), scratch(), Authority::new(P256, "sha256"));
+    let own = private_copy(owner, folder.path());
+    let (key, preview, ca) = (owner.join("owner.key"), owner.join("out/preview"), authority.path("ca.pem"));
+    let verify = |more: &[&dyn AsRef<OsStr>]| {
+        let args: [&dyn AsRef<OsStr>; 6] = [&"verify", &preview, &"--key", &key, &"--receipt", &own];
+        guard4d(&[&args[..], more].concat())
+    };
+    let json = |more: &[&dyn AsRef<OsStr>]| -> serde_json::Value {
+        let run = verify(&[more, &[&"--json"]].concat());
+        assert_eq!(run.code, 4, "inconclusive, as without a date: {}", run.stderr);
+        serde_json::from_str(&run.stdout).expect("JSON on stdout")
+    };
+    let bare = json(&[]);
+    assert!(bare["dated"].is_null() && bare["root"].is_null(), "no date: {bare}");
+    verify(&[&"--ca", &ca]).refused(66, &["receipt.tst: not found"]);
+
+    let request = folder.path().join("request.tsq");
+    guard4d(&[&"timestamp", &"request", &own, &"--out", &request]).done();
+    let response = authority.reply(&request, &[]);
+    guard4d(&[&"timestamp", &"attach", &own, &"--response", &response]).done();
+    let dated = json(&[&"--ca", &ca]);
+    assert_eq!(dated["dated"]["trust"], "checked", "{dated}");
+    assert_eq!(dated["evidence"], bare["evidence"], "a date of its own costs nothing");
+    let text = verify(&[]).stdout;
+    assert!(text.contains("claimed, authority not checked: ") && text.contains("--ca says whom you trust"), "{text}");
+
+    let others: Vec<_> = (0..3).map(|seed| receipt(folder.path(), &format!("r{seed}"), seed)).collect();
+    let root = folder.path().join("root.json");
+    guard4d(&[&"commit", &own, &others[0], &others[1], &others[2], &"--out", &root]).done();
+    guard4d(&[&"timestamp", &"request", &root, &"--out", &request, &"-w"]).done();
+    let response = authority.reply(&request, &[]);
+    guard4d(&[&"timestamp", &"attach", &root, &"--response", &response, &"--request", &request]).done();
+    let under = json(&[&"--root", &root, &"--timestamp", &folder.path().join("root.tst"), &"--ca", &ca]);
+    assert_eq!((&under["root"]["receipts"], &under["dated"]["receipts"]), (&4.into(), &4.into()), "{under}");
+    let p = |report: &serde_json::Value| report["evidence"]["p_value"]["matches"].as_f64().expect("a number");
+    assert!((p(&under) - (4.0 * p(&bare)).min(1.0)).abs() < 1e-12, "paid for: {} and {}", p(&under), p(&bare));
+    assert_eq!(under["evidence"]["p_value"]["searched"], 4, "{under}");
+    let text = verify(&[&"--root", &root, &"--ca", &ca]).stdout;
+    assert!(text.contains("4 receipts are under it") && text.contains("of the best of 4 claims"), "{text}");
+
+    verify(&[&"--timestamp", &response]).refused(65, &["response.tsr: token"]);
+    let alone = folder.path().join("alone.json");
+    guard4d(&[&"commit", &others[0], &"--out", &alone, &"-w"]).done();
+    verify(&[&"--root", &alone]).refused(65, &["alone.json: commitments", "the receipt's, among them"]);
 }

@@ -1,4 +1,5 @@
 //! What leaves the house, and what is kept.
 
+mod dating;
 mod gate;
 pub(crate) mod receipt;

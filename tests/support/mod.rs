@@ -1,6 +1,7 @@
 //! Helpers of the tests, themselves tested.
 #![allow(dead_code, reason = "each helper serves some of the tests")]
 
+pub(crate) mod authority;
 pub(crate) mod camera_writers;
 pub(crate) mod close;
 pub(crate) mod fixture;

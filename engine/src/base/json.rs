@@ -1,9 +1,9 @@
-//! JSON that came from outside.
+//! JSON that came from outside, and that goes there.
 
 use std::fmt::Display;
 use std::path::Path;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::files::bad_data;
 use crate::error::EngineError;
@@ -27,6 +27,16 @@ pub(crate) fn parse<'a, T: Deserialize<'a>>(
         return Err(bad_data(path, field, "deeper nested ones", expected));
     }
     serde_json::from_slice(json).map_err(|error| bad_data(path, field, error, expected))
+}
+
+/// `value` as an indented text of JSON that ends its last line.
+///
+/// # Panics
+/// If a map of `value` has keys other than strings.
+pub(crate) fn to_file<T: Serialize>(value: &T) -> Vec<u8> {
+    let mut text = serde_json::to_vec_pretty(value).expect("names are strings, and nothing else fails");
+    text.push(b'\n');
+    text
 }
 
 /// How many brackets are open at once.

@@ -16,6 +16,7 @@ use crate::evidence::message::Message;
 use crate::media::ReadOptions;
 use crate::media::framing::{Crop, Rect};
 use crate::picture::undo_guess::UndoGuess;
+use crate::release::dating::standing::Standing;
 use crate::release::receipt::Schema;
 use crate::watermark::extractor::rotation::KeyRotation;
 
@@ -32,6 +33,9 @@ pub struct VerifyReport {
     pub free_part: FreePart,
     /// What whoever verifies was free to choose.
     pub choices: Choices,
+    /// Its date, if it has one, and the root that it is under.
+    #[serde(flatten)]
+    pub standing: Standing,
     /// Rotation that the extractor reads through.
     pub key_rotation: KeyRotation,
     /// What was undone, if there was anything to guess.

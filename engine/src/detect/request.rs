@@ -12,6 +12,7 @@ use crate::base::digest::Digest;
 use crate::media::Frame;
 use crate::networks::clip::ClipModel;
 use crate::picture::undo_guess::GuessSearch;
+use crate::release::dating::standing::DateFiles;
 use crate::release::delivery::EXTRACTOR;
 use crate::scene::Model;
 use crate::watermark::extractor::pretrained::PretrainedExtractor;
@@ -62,4 +63,6 @@ pub struct VerifyInputs {
     pub clean: Vec<Vec<Frame>>,
     /// Keys that had no part in the embedding.
     pub other_keys: Vec<OtherKey>,
+    /// What dates the receipt.
+    pub dates: DateFiles,
 }

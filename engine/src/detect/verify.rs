@@ -16,6 +16,7 @@ use crate::evidence::control::Control;
 use crate::evidence::judgement::{Evidence, judge};
 use crate::evidence::other_keys::OtherKeys;
 use crate::media::ReadOptions;
+use crate::release::dating::standing::Standing;
 use crate::watermark::extractor::reader::Reader;
 
 impl VerifyRequest<'_> {
@@ -25,7 +26,8 @@ impl VerifyRequest<'_> {
     /// The framing of `options` is for suspect videos alone, as that is where a picture can have been framed anew.
     ///
     /// # Errors
-    /// [`EngineError::BadData`] when receipt, key, message, extractor or a clip do not fit; when the device fails.
+    /// [`EngineError::BadData`] when receipt, key, message, extractor, date or a clip do not fit; when the device
+    /// fails.
     pub fn verify(&self, inputs: &VerifyInputs, options: &ReadOptions) -> Result<VerifyReport, EngineError> {
         self.verify_observed(inputs, options, &mut Unobserved)
     }
@@ -45,6 +47,7 @@ impl VerifyRequest<'_> {
         let (extractor, promised) = (opened.extractor(), opened.promised());
         let unrelated = unrelated_once(&inputs.unrelated)?;
         let free_part = FreePart::check(self, opened.receipt(), extractor)?;
+        let standing = Standing::find(self.receipt, &opened.commitment(), &inputs.dates)?;
 
         let reader = Reader::new(self.device, self.clip, key, extractor)?;
         let mut reader = ClipReader::new(self.device, reader, key.num_bits(), options, observer);
@@ -53,7 +56,8 @@ impl VerifyRequest<'_> {
 
         let answer = nearest(&suspects, key.num_bits(), promised, &prf, opened.rule().statistic)?;
         let tried = u32::try_from(guesses.len()).unwrap_or(u32::MAX);
-        let chosen = extractor.key_rotation.of.saturating_mul(tried).saturating_mul(self.claims.get());
+        let chosen = [tried, self.claims.get(), standing.receipts()];
+        let chosen = chosen.into_iter().fold(extractor.key_rotation.of, u32::saturating_mul);
 
         let unmarked = Unmarked { unrelated: &unrelated, clean: &inputs.clean, own: &own_clips(self.device)? };
         let mut controls = unmarked.read(&mut reader, answer.message())?;
@@ -71,6 +75,7 @@ impl VerifyRequest<'_> {
             schema: opened.receipt().schema,
             free_part,
             choices: Choices::of(self.claims, inputs, options),
+            standing,
             key_rotation: extractor.key_rotation,
             undone: (tried > 1).then(|| Undone { guess: guesses[answer.guess()], tried }),
             id: answer.id_evidence(promised, chosen, extractor.mode),

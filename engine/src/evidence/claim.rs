@@ -13,7 +13,8 @@ pub struct Claim<'a> {
     /// Message the owner committed to, or that was found in the reading.
     pub message: Message,
     /// Claims that it was chosen from, 1 if it was fixed beforehand: messages from which one was chosen after reading,
-    /// times rotations from which the extractor's was chosen when the message was written.
+    /// times rotations from which the extractor's was chosen when the message was written, times receipts under the
+    /// root by which this one is dated.
     pub searched: u32,
     /// Extractor that read the clip.
     pub mode: ExtractorMode,

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use super::dating::proof::Proof;
+use super::dating::subject::token_beside;
 use super::delivery::{EXTRACTOR, RECEIPT};
 use super::receipt::Receipt;
 use crate::base::files::{bad_data, read_file};
@@ -13,7 +15,8 @@ use crate::watermark::key::owner_key::Key;
 /// Key of the asset in the folder that is handed over.
 pub const ASSET_KEY: &str = "asset.key";
 
-/// Writes a folder with the key of the asset that the receipt is about, the receipt, and the extractor beside it.
+/// Writes a folder with the key of the asset that the receipt is about, the receipt, and the extractor and the date
+/// beside it.
 ///
 /// The key holds no master secret. With it the mark of this asset can be read and taken out; token table and decoder,
 /// which all of an owner's assets share, read no other asset without its rotation and its extractor.
@@ -39,12 +42,22 @@ pub fn write(owner: &Key, receipt: &Path, out: &Path, existing: Existing) -> Res
     }
     let folder = AtomicDir::create(out, existing)?;
     key.write(&folder.path().join(ASSET_KEY), Existing::Refuse)?;
-    for (from, name) in [(receipt, RECEIPT), (&path, EXTRACTOR)] {
-        AtomicFile::write_private(
-            &folder.path().join(name),
-            Existing::Refuse,
-            &read_file(from, "a file to hand over")?,
-        )?;
+    let hand_over = |from: &Path, to: &Path| {
+        let bytes = read_file(from, "a file to hand over")?;
+        AtomicFile::write_private(&folder.path().join(to), Existing::Refuse, &bytes)
+    };
+    let named = Path::new(RECEIPT);
+    hand_over(receipt, named)?;
+    hand_over(&path, Path::new(EXTRACTOR))?;
+    // Its date, where it has one.
+    for (from, to) in [(receipt.to_owned(), named.to_owned()), (Proof::beside(receipt), Proof::beside(named))] {
+        let token = token_beside(&from);
+        if token.is_file() {
+            hand_over(&token, &token_beside(&to))?;
+        }
+    }
+    if Proof::beside(receipt).is_file() {
+        hand_over(&Proof::beside(receipt), &Proof::beside(named))?;
     }
     folder.commit()
 }
