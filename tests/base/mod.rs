@@ -3,3 +3,4 @@
 mod ledger;
 mod output;
 mod prf;
+mod signature;

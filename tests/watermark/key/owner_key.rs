@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::OnceLock;
 
+use guard4d_engine::base::digest::Digest;
 use guard4d_engine::base::output::Existing;
 use guard4d_engine::base::prf::MasterSecret;
 use guard4d_engine::base::tensor_file::{Tensor, TensorFile, Values};
@@ -86,6 +87,61 @@ fn another_secret_is_another_key() {
     // Of eight bits two keys share a message once in 256; 48 bits tell them apart.
     let message = |key: &Key| Payload::Random(48).message(&key.prf()).expect("48 bits");
     assert_ne!(message(key), message(&other));
+}
+
+/// What a key file holds beside its secret and what was trained is measured again, on whatever device.
+#[test]
+fn keys_follow_from_their_secret_and_those_that_do_not_are_refused() {
+    let Some(gpu) = device() else { return };
+    let clip = tiny_clip::load(&gpu, &tiny_clip::weights());
+    let (key, _) = shared(&gpu);
+    key.check(&gpu, &clip).expect("our own key");
+    let again = Key::untrained(&clip, MasterSecret::from_bytes(SECRET), BITS).expect("derives");
+    assert_eq!(again.text_codes().deviation(&key.text_codes()), 0.0, "the same on the same device");
+    let refused = |change: &dyn Fn(&mut Key)| {
+        let mut changed = key.clone();
+        change(&mut changed);
+        let error = changed.check(&gpu, &clip).expect_err("it does not follow");
+        assert_eq!(error.exit_code(), 65, "{error}");
+        error.to_string()
+    };
+    for nudge in [1e-3, f32::NAN, f32::INFINITY] {
+        assert!(refused(&|key| key.codes.iter_mut().for_each(|c| *c *= 1.0 + nudge)).contains("text_mean or codes"));
+        assert!(refused(&|key| key.text_mean[3] += nudge).contains("text_mean or codes"), "by {nudge}");
+    }
+    // One bit that is always read as 1, and a decoder of zeros.
+    let said = refused(&|key| key.decoder.layers[2].bias[5] += 1e4);
+    assert!(said.contains("decoder") && said.contains("bit 5 right in 50 %"), "{said}");
+    assert!(refused(&|key| key.decoder.layers[2].weight.fill(0.0)).contains("decoder"), "it reads nothing");
+}
+
+#[test]
+fn each_asset_has_a_key_of_its_own_that_tells_nothing_of_others() {
+    let Some(gpu) = device() else { return };
+    let clip = tiny_clip::load(&gpu, &tiny_clip::weights());
+    let (owner, _) = shared(&gpu);
+    let [one, other] = [b"one", b"two"].map(|asset| owner.for_asset(Digest::of(asset)).expect("an owner's key"));
+    let ids = [owner, &one, &other].map(|key| key.prf().key_id().to_string());
+    assert!(ids[0] != ids[1] && ids[1] != ids[2] && ids[0] != ids[2], "{ids:?}");
+    assert_eq!((&one.table, &one.decoder, &one.codes), (&other.table, &other.decoder, &other.codes), "what is trained");
+    assert_eq!((one.public_key(), one.asset()), (owner.public_key(), Some(Digest::of(b"one"))));
+    assert_eq!(one.for_asset(Digest::of(b"one")).expect("its own").prf().key_id(), one.prf().key_id());
+    assert!(one.for_asset(Digest::of(b"two")).is_err(), "an asset's key opens no other asset");
+
+    // As it is disclosed: it reads the same, and neither signs nor holds the owner's secret.
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("asset.key");
+    one.write(&path, Existing::Refuse).expect("writable");
+    let read = Key::read(&path, &clip).expect("our own key");
+    assert_eq!((read.prf().key_id(), read.own_message()), (one.prf().key_id(), one.own_message()));
+    assert_eq!((read.public_key(), read.asset()), (one.public_key(), one.asset()));
+    assert!(read.signing_key().is_none() && read.for_asset(Digest::of(b"two")).is_err(), "nothing else");
+    read.check(&gpu, &clip).expect("it follows from what is disclosed");
+    let bytes = std::fs::read(&path).expect("written above");
+    let hex: Vec<u8> = SECRET.iter().flat_map(|byte| format!("{byte:02x}").into_bytes()).collect();
+    assert!(!bytes.windows(hex.len()).any(|window| window == hex), "no master secret");
+    let shown = format!("{owner:?} {one:?} {read:?}");
+    assert!(shown.contains("hidden") && !shown.contains(std::str::from_utf8(&hex).expect("digits")), "{shown}");
 }
 
 /// Field, found and expected of the refusal of a key file.
