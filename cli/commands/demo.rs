@@ -173,13 +173,13 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     };
     let suspects = vec![Suspect::Video(out.path().join(VIDEO))];
     let inputs = VerifyInputs { suspects, clean: rendered.clean, ..VerifyInputs::default() };
-    let bar = &mut ObserverBar::new(common);
-    let verification = timed(&mut seconds, "verify", || request.verify_observed(&inputs, &read_options(), bar))?;
+    let verification = timed(&mut seconds, "verify", || {
+        request.verify_observed(&inputs, &read_options(), &mut ObserverBar::new(common))
+    })?;
 
     stop::check()?;
     let wrong_key = timed(&mut seconds, "wrong key", || {
-        let other = key(args.short.wrong_key.as_deref())?.for_asset(model.digest())?;
-        read_with(&other, subject, &embedded, &rendered.marked)
+        read_with(&key(args.short.wrong_key.as_deref())?, subject, &embedded, &rendered.marked)
     })?;
     // What was made is kept, whatever becomes of the text about it.
     out.commit()?;
@@ -239,6 +239,7 @@ fn read_with(
     embedded: &Embedded,
     marked: &[Vec<Frame>],
 ) -> Result<WrongKey, EngineError> {
+    let other = &other.for_asset(subject.model.digest())?;
     let mut reader = Reader::new(subject.device, subject.clip, other, &embedded.extractor)?;
     let readings = read_clips(&mut reader, marked, other.bits())?;
     Ok(WrongKey {
