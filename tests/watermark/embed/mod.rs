@@ -1,4 +1,5 @@
 //! Embedding.
 
+mod clips;
 mod embedding;
 mod visibility;
