@@ -1,5 +1,6 @@
 //! Embedding.
 
+mod checkpoint;
 mod clips;
 mod embedding;
 mod visibility;
