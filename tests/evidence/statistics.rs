@@ -7,6 +7,8 @@ use guard4d_engine::evidence::statistics::{
     SoftScoreNull, binomial_tail, chance_band, empirical_fpr_bound, match_p_value, required_matches, shown_thresholds,
 };
 
+use crate::support::close::largest;
+
 fn prf(seed: u8) -> Prf {
     Prf::new(&MasterSecret::from_bytes([seed; 32]))
 }
@@ -142,8 +144,8 @@ fn soft_score_is_exact_for_integer_logits() {
 fn rounding_of_logits_moves_the_p_value_within_its_bound() {
     let rng = &mut prf(1).stream(Purpose::Embedding, 0);
     let logits: Vec<f64> = (0..14).map(|_| standard_normal(rng)).collect();
-    let largest = logits.iter().fold(0.0_f64, |max, o| max.max(o.abs()));
-    let slack = 14.0 * largest / 1023.0;
+    let most = largest(logits.iter().map(|o| o.abs()));
+    let slack = 14.0 * most / 1023.0;
     let null = SoftScoreNull::new(&logits).expect("finite");
     let score = |value: u128| -> f64 {
         let message = Message::from_value(value, 14).expect("it fits");
@@ -212,10 +214,10 @@ fn p_values_are_uniform_for_biased_extractors() {
         }
         soft.sort_by(f64::total_cmp);
         let gap = |(i, p): (usize, &f64)| (p - i as f64 / f64::from(TRIALS)).abs();
-        let largest = soft.iter().enumerate().map(gap).fold(0.0, f64::max);
+        let widest = largest(soft.iter().enumerate().map(gap));
         // Kolmogorov and Smirnov: sqrt(ln(2/delta) / 2n) = 0.023 at delta = 1e-9. Scores that many messages
         // share make the p-value larger than uniform, so equal weights are tried by the bound above only.
-        assert!(has_ties || largest < 0.023, "{largest}");
+        assert!(has_ties || widest < 0.023, "{widest}");
     }
 }
 

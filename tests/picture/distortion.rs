@@ -5,6 +5,7 @@ use guard4d_engine::picture::distortion::{Distortion, DistortionChain, Distortio
 use guard4d_kernels::shape::ClipShape;
 use guard4d_kernels::{Buffer, KernelError, Recorder};
 
+use crate::support::close::largest;
 use crate::support::gpu::{Gpu, device};
 use crate::support::random::Random;
 
@@ -157,7 +158,7 @@ fn an_attack_rounds_each_distortion_and_refuses_ranges_and_other_sizes() {
     let want: Vec<f32> = rgb.iter().map(|v| (halved(*v) * 2.0).min(255.0)).collect();
     let got = chain.apply(&frame, 0).expect("runs");
     // Halves may be rounded either way: two levels after they are doubled.
-    let off = got.rgb().iter().zip(&want).map(|(g, w)| (f32::from(*g) - w).abs()).fold(0.0, f32::max);
+    let off = largest(got.rgb().iter().zip(&want).map(|(g, w)| (f32::from(*g) - w).abs()));
     assert!(off <= 2.0, "darkened, rounded, brightened: {off} levels off");
     let odd = got.rgb().iter().filter(|v| **v % 2 == 1).count();
     assert!(odd <= rgb.iter().filter(|v| **v == 255).count(), "the first rounding shows: {odd} odd levels");

@@ -14,6 +14,7 @@ use guard4d_engine::watermark::extractor::reader::{ClipFeatures, Reader};
 use guard4d_engine::watermark::extractor::rotation::KeyRotation;
 use guard4d_engine::watermark::extractor::weights::ExtractorWeights;
 
+use crate::support::close::largest;
 use crate::support::gpu::{Gpu, device};
 use crate::support::owner::Owner;
 use crate::support::random::Random;
@@ -152,7 +153,7 @@ fn the_best_of_all_guesses_is_no_better_than_chance() {
         let bits: Vec<bool> = random.vec_f32(BITS, -1.0, 1.0).iter().map(|v| *v > 0.0).collect();
         let message = Message::from_bits(&bits).expect("a length");
         let p = readings.iter().map(|reading| SearchedP::of(reading, &message, tried).expect("fits").soft_score);
-        least.push(p.fold(f64::INFINITY, f64::min));
+        least.push(-largest(p.map(|p| -p)));
     }
     for level in [0.5, 0.1, 0.01] {
         let below = least.iter().filter(|p| **p <= level).count() as f64;

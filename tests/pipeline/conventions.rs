@@ -7,6 +7,7 @@ use guard4d_engine::scene::{Camera, CameraSet, FrameSize, Gaussians, Motion};
 use guard4d_kernels::Device;
 
 use crate::support::camera_writers::{Format, Shot};
+use crate::support::close::largest;
 use crate::support::gpu::device;
 
 const WIDTH: u32 = 64;
@@ -93,13 +94,9 @@ fn through(device: &Device, format: Format, shot: &Shot) -> Vec<f32> {
     picture(device, set.views[0].camera)
 }
 
-/// Largest difference; infinite when anything is NaN or lengths differ.
+/// Largest difference; NaN when anything is or lengths differ.
 fn difference(a: &[f32], b: &[f32]) -> f32 {
-    let worst = |worst: f32, (a, b): (&f32, &f32)| match (a - b).abs() {
-        d if d.is_nan() => f32::INFINITY,
-        d => worst.max(d),
-    };
-    if a.len() == b.len() { a.iter().zip(b).fold(0.0, worst) } else { f32::INFINITY }
+    if a.len() == b.len() { largest(a.iter().zip(b).map(|(a, b)| (a - b).abs())) } else { f32::NAN }
 }
 
 #[test]
@@ -107,7 +104,7 @@ fn pictures_agree_through_all_formats() {
     let Some(gpu) = device() else { return };
     let want = picture(&gpu, camera(&shot()));
     for channel in 0..3 {
-        let brightest = want.iter().skip(channel).step_by(4).copied().fold(0.0, f32::max);
+        let brightest = largest(want.iter().skip(channel).step_by(4).copied());
         assert!(brightest > SEEN, "channel {channel} shows the scene: {brightest}");
     }
     for format in Format::ALL {

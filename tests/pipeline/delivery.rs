@@ -220,7 +220,7 @@ fn the_papers_weights_train_and_ssim_reaches_the_offsets() {
     let totals: Vec<f32> = trained.iter().map(|r| r.total).collect();
     assert!(totals.iter().all(|t| t.is_finite()), "{totals:?}");
     assert!(trained.iter().skip(1).all(|r| r.recon > 0.0 && r.offset > 0.0), "every loss is there: {trained:?}");
-    assert!(totals.iter().copied().fold(f32::INFINITY, f32::min) < totals[0], "the sum falls: {totals:?}");
+    assert!(totals.iter().any(|total| *total < totals[0]), "the sum falls: {totals:?}");
 
     // SSIM alone against the message: the more it weighs, the less the picture changes.
     let ssim = |lambda_recon| {

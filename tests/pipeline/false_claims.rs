@@ -10,6 +10,7 @@ use guard4d_engine::watermark::embed::{EmbedConfig, Embedding, Profile};
 use guard4d_engine::watermark::extractor::reader::Reader;
 use nalgebra::{DMatrix, DVector};
 
+use crate::support::close::largest;
 use crate::support::gpu::{Gpu, device};
 use crate::support::owner::Owner;
 use crate::support::random::Random;
@@ -84,7 +85,7 @@ fn a_million_claims_on_unmarked_clips_are_as_good_as_chance_makes_them() {
     p_values.sort_by(f64::total_cmp);
     let n = p_values.len() as f64;
     let distance = |(i, p): (usize, &f64)| (p - i as f64 / n).abs().max((p - (i + 1) as f64 / n).abs());
-    let distance = p_values.iter().enumerate().map(distance).fold(0.0, f64::max);
+    let distance = largest(p_values.iter().enumerate().map(distance));
     // Kolmogorov's bound at 1e-3: 1.95 / √n; ten thousand p-values.
     assert!(n == 10_000.0 && distance < 1.95 / n.sqrt(), "distance from uniform {distance} of {n}");
 }
@@ -104,7 +105,7 @@ fn the_best_of_several_rotations_is_no_better_than_what_is_counted_for_the_choic
             let message = any_message(&mut random);
             let all: Vec<f64> = rotations.iter().map(|null| null.p_value(&message).expect("48 bits")).collect();
             assert!(all.iter().all(|p| p.is_finite()), "{all:?}");
-            let least = all.into_iter().fold(1.0, f64::min);
+            let least = -largest(all.into_iter().map(|p| -p));
             counted += u32::from(after_search(least, choices) <= 1e-2);
             alone += u32::from(least <= 1e-2);
         }

@@ -3,3 +3,4 @@
 mod conventions;
 mod delivery;
 mod false_claims;
+mod unseen_films;

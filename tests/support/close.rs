@@ -1,5 +1,17 @@
 //! Closeness that a NaN cannot pass.
 
+use std::cmp::Ordering;
+
+/// The largest of some numbers; NaN when any of them is, and when there is none: no check passes for want of numbers.
+pub(crate) fn largest<T: PartialOrd + From<f32>>(values: impl IntoIterator<Item = T>) -> T {
+    let larger = |most: T, value: T| match most.partial_cmp(&value) {
+        None => T::from(f32::NAN),
+        Some(Ordering::Less) => value,
+        Some(_) => most,
+    };
+    values.into_iter().reduce(larger).unwrap_or(T::from(f32::NAN))
+}
+
 /// Worst `|got - want| / (atol + rtol |want|)`; infinite when anything is NaN or lengths differ.
 pub(crate) fn worst_ratio(got: &[f32], want: &[f32], atol: f32, rtol: f32) -> f32 {
     if got.len() != want.len() {
@@ -74,6 +86,17 @@ fn features_with_a_nan_are_never_close() {
     assert!(fails(&[f32::INFINITY, 4.0], &[f32::INFINITY, 4.0]), "infinity");
     assert!(fails(&[0.0, 0.0], &[0.0, 0.0]), "a feature without a direction");
     assert!(fails(&[3.0, 4.0], &[3.0, 4.0, 0.0, 1.0]) && fails(&[3.0], &[3.0]), "rows");
+}
+
+#[test]
+fn the_largest_of_numbers_is_a_nan_where_there_is_one() {
+    assert_eq!(largest([-3.0, -1.0, -2.0_f32]).to_bits(), (-1.0_f32).to_bits(), "the largest, not the farthest");
+    for at in 0..3 {
+        let mut values = [1.0, 2.0, 3.0];
+        values[at] = f64::NAN;
+        assert!(largest(values).is_nan(), "NaN at {at}");
+    }
+    assert!(largest([f32::NAN]).is_nan() && largest::<f32>([]).is_nan(), "nothing but NaN, and nothing");
 }
 
 #[test]

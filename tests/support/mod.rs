@@ -16,6 +16,7 @@ pub(crate) mod random;
 pub(crate) mod random_lpips;
 pub(crate) mod raster;
 pub(crate) mod tiny_clip;
+pub(crate) mod trained;
 
 use std::fs;
 use std::io::Write;

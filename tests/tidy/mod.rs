@@ -5,6 +5,7 @@
 mod imports;
 mod kernels;
 mod mirror;
+mod nan;
 mod parameters;
 mod rooms;
 pub(crate) mod sources;

@@ -3,6 +3,7 @@
 pub mod axes;
 pub mod camera;
 pub mod cfg_args;
+mod content;
 pub mod deformation;
 pub mod demo;
 mod folder;

@@ -7,7 +7,7 @@ use guard4d_kernels::reference::loss::ssim as twin;
 use guard4d_kernels::shape::Accumulate;
 
 use super::{run, term, unwritten, upload};
-use crate::support::close::{assert_close, cosine};
+use crate::support::close::{assert_close, cosine, largest};
 use crate::support::golden::Golden;
 use crate::support::gpu::{Gpu, device};
 use crate::support::gradcheck::gradcheck;
@@ -60,16 +60,16 @@ fn twin_and_gpu_match_pytorch() {
     // PyTorch's value is the similarity.
     let want: Vec<f32> = golden.f32("value").iter().map(|v| 1.0 - v).collect();
     let want_grad: Vec<f32> = golden.f32("v_x").iter().map(|v| -v).collect();
-    let largest = want_grad.iter().fold(0.0, |m: f32, g| m.max(g.abs()));
+    let most = largest(want_grad.iter().map(|g| g.abs()));
     // Both in f64; what remains is the file's f32.
     assert_close(&[value as f32], &want, 1e-6, 0.0);
-    assert_close(&grad, &want_grad, largest * 1e-6, 1e-6);
+    assert_close(&grad, &want_grad, most * 1e-6, 1e-6);
 
     let Some(gpu) = device() else { return };
     let (value, v_x) = on_gpu(&gpu, size, &golden.f32("x"), &golden.f32("y"), Accumulate::Overwrite);
     // Variances are differences of f32 means near 1, divided by about C2 = 9e-4: errors of 1e-7 become 1e-4.
     assert_close(&[value], &want, 1e-4, 0.0);
-    assert_close(&v_x, &want_grad, largest * 2e-3, 0.0);
+    assert_close(&v_x, &want_grad, most * 2e-3, 0.0);
     assert!(cosine(&v_x, &want_grad) > 0.999_999, "directions agree: {}", cosine(&v_x, &want_grad));
 }
 
@@ -88,10 +88,10 @@ fn gpu_follows_the_twin_at_odd_sizes() {
             grad.extend(g.into_iter().map(|g| g / frames as f32));
         }
         let (got, v_x) = on_gpu(&gpu, [height, width], &x, &y, Accumulate::Overwrite);
-        let largest = grad.iter().fold(0.0, |m: f32, g| m.max(g.abs()));
+        let most = largest(grad.iter().map(|g| g.abs()));
         // Noise has variances near 0.08, so the division is harmless: rounding of two dozen sums.
         assert_close(&[got], &[value], 1e-5, 1e-5);
-        assert_close(&v_x, &grad, largest * 1e-4, 1e-4);
+        assert_close(&v_x, &grad, most * 1e-4, 1e-4);
         let (again, added) = on_gpu(&gpu, [height, width], &x, &y, Accumulate::Add);
         assert_eq!(got.to_bits(), again.to_bits(), "the same bits twice");
         let sum: Vec<f32> = v_x.iter().enumerate().map(|(i, v)| if i % 4 < 3 { v + 0.5 } else { 0.0 }).collect();
@@ -126,16 +126,16 @@ fn picture(random: &mut Random, height: usize, width: usize) -> Vec<f32> {
 fn differences_far_below_an_8_bit_step_keep_their_precision() {
     let Some(gpu) = device() else { return };
     let [height, width] = [40, 60];
-    for (largest, shift) in [(2e-4, 0.0), (2e-5, 0.0), (1e-4, 2e-4)] {
+    for (widest, shift) in [(2e-4, 0.0), (2e-5, 0.0), (1e-4, 2e-4)] {
         let mut random = Random(4);
         let y = picture(&mut random, height, width);
-        let change = random.vec_f32(y.len(), shift - largest, shift + largest);
+        let change = random.vec_f32(y.len(), shift - widest, shift + widest);
         let x: Vec<f32> = y.iter().zip(&change).map(|(y, d)| y + d).collect();
         let wide = |v: &[f32]| v.iter().map(|v| f64::from(*v)).collect::<Vec<_>>();
         let (want, grad) = twin::step(&wide(&x), &wide(&y), height, width);
         let (value, v_x) = on_gpu(&gpu, [height, width], &x, &y, Accumulate::Overwrite);
         let grad: Vec<f32> = grad.iter().map(|g| *g as f32).collect();
-        let steepest = grad.iter().fold(0.0, |m: f32, g| m.max(g.abs()));
+        let steepest = largest(grad.iter().map(|g| g.abs()));
         // Variances of the reference are off by 2e-7 at most, against C2 = 9e-4 or more: 2.2e-4 of each term.
         assert_close(&[value], &[want as f32], 0.0, 5e-4);
         assert_close(&v_x, &grad, steepest * 1e-3, 0.0);
@@ -171,10 +171,10 @@ fn poison_spreads_as_in_the_twin() {
         let (value, grad) = twin::step(&data[..split], &data[split..], height, width);
         [vec![value], grad].concat()
     };
-    let largest = on_host(&clean)[1..].iter().fold(0.0, |m: f32, g| m.max(g.abs()));
+    let most = largest(on_host(&clean)[1..].iter().map(|g| g.abs()));
     let at = (3 * width + 20) * 4 + 1;
     // As at odd sizes.
-    let reach = poison::spread(&clean, &[at, at + 2, split + at], (largest * 1e-4, 1e-4), on_gpu, on_host);
+    let reach = poison::spread(&clean, &[at, at + 2, split + at], (most * 1e-4, 1e-4), on_gpu, on_host);
     // Two windows of 11 on either side, cut by the border.
     let near = (3 + 1 + 10) * (10 + 1 + 6);
     assert_eq!(reach, [1 + near, 0, 1 + near], "a colour of either image, and the fourth channel");

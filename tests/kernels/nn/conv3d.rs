@@ -10,7 +10,7 @@ use guard4d_kernels::shape::{Accumulate, ClipShape};
 use guard4d_kernels::{Buffer, KernelError};
 
 use super::{dot, run, unwritten, upload};
-use crate::support::close::assert_close;
+use crate::support::close::{assert_close, largest};
 use crate::support::golden::Golden;
 use crate::support::gpu::{Gpu, device, each_family, half_device};
 use crate::support::gradcheck::gradcheck;
@@ -269,9 +269,9 @@ fn half_precision_keeps_small_gradients() {
         let reference = twin_of(&conv);
         let want = reference.backward_input(&by_frame(&rounded(&case.v_y)), &rounded(&case.weight));
         for (i, (got, want)) in got.chunks(frame).zip(want.chunks(frame)).enumerate() {
-            let largest = factors[i.saturating_sub(1)..3.min(i + 2)].iter().fold(0.0, |m: f32, v| m.max(*v));
+            let most = largest(factors[i.saturating_sub(1)..3.min(i + 2)].iter().copied());
             // As for clean data, with sums as large as those of the largest frame that meets this one.
-            assert_close(got, want, 1e-4 * largest, 1e-5);
+            assert_close(got, want, 1e-4 * most, 1e-5);
         }
     }
 }

@@ -4,7 +4,7 @@ use guard4d_kernels::reference::splat::{dc_colour as twin, sh};
 use guard4d_kernels::splat::dc_colour::{BaseColours, backward, forward};
 use guard4d_kernels::{Device, KernelError};
 
-use crate::support::close::assert_close;
+use crate::support::close::{assert_close, largest};
 use crate::support::gpu::device;
 use crate::support::gradcheck::gradcheck;
 use crate::support::poison;
@@ -45,7 +45,7 @@ fn with_the_base_of_a_view_it_is_the_colour_of_that_view() {
         let (got, want) = (twin::forward(&base, &offsets, &splats), sh::forward(&marked, &dirs, &splats, degree));
         assert!(want.iter().filter(|c| **c == 0.0).count() > 5, "some channels are clamped");
         // Two orders of adding 16 numbers of size four in f64.
-        let worst = got.iter().zip(&want).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let worst = largest(got.iter().zip(&want).map(|(a, b)| (a - b).abs()));
         assert!(worst < 1e-13, "degree {degree}: {worst}");
         let got = twin::backward(&base, &offsets, &splats, &v);
         let want = sh::backward(&marked, &dirs, &splats, degree, &v);

@@ -11,7 +11,7 @@ use guard4d_engine::networks::lpips::{Lpips, LpipsInput, size_of_frame};
 use serde_json::Value;
 
 use super::pass::value_and_gradient;
-use crate::support::close::assert_close;
+use crate::support::close::{assert_close, largest};
 use crate::support::gpu::{Gpu, device};
 use crate::support::shared;
 
@@ -43,9 +43,9 @@ fn check_case(gpu: &Gpu, folder: &Path, [net, unit_fed]: &[Lpips; 2], case: &Val
     assert_close(&[value as f32], &[score.total() as f32], 1e-7, 1e-6);
     // The reference's colours go from -1 to 1, so that ours have twice its slopes.
     let length = gradient.iter().map(|v| (0.5 * f64::from(*v)).powi(2)).sum::<f64>().sqrt() as f32;
-    let largest = gradient.iter().fold(0.0, |m: f32, v| m.max(0.5 * v.abs()));
+    let most = largest(gradient.iter().map(|v| 0.5 * v.abs()));
     let (want, want_largest) = (number(&case["grad_l2"]), number(&case["grad_absmax"]));
-    assert_close(&[length, largest], &[want, want_largest], 1e-9, GRADIENT_RTOL);
+    assert_close(&[length, most], &[want, want_largest], 1e-9, GRADIENT_RTOL);
     let at = 0.5 * gradient[(10 * size.width + 20) * 4];
     assert_close(&[at], &[number(&case["grad_at_c0_y10_x20"])], GRADIENT_RTOL * want_largest, GRADIENT_RTOL);
 

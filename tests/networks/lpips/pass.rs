@@ -7,7 +7,7 @@ use guard4d_engine::networks::lpips::{
 };
 use guard4d_kernels::Buffer;
 
-use crate::support::close::assert_close;
+use crate::support::close::{assert_close, largest};
 use crate::support::gpu::{Gpu, device, each_family};
 use crate::support::random::Random;
 use crate::support::random_lpips;
@@ -100,8 +100,8 @@ fn frames_and_parts_are_compared_by_themselves() {
         mean += 0.5 * alone;
         let halves: Vec<f32> = slopes.iter().map(|v| 0.5 * v).collect();
         // The mean over two frames is rounded once more.
-        let largest = halves.iter().fold(0.0, |m: f32, v| m.max(v.abs()));
-        assert_close(&cut(&gradient, frame), &halves, 1e-6 * largest, 1e-5);
+        let most = largest(halves.iter().map(|v| v.abs()));
+        assert_close(&cut(&gradient, frame), &halves, 1e-6 * most, 1e-5);
         inside += halves.iter().filter(|v| **v != 0.0).count();
     }
     // Sums of some thousand f32 in another order.
@@ -109,9 +109,9 @@ fn frames_and_parts_are_compared_by_themselves() {
     let one_by_one = net.pass_within(size, 2, 0).expect("room");
     let (by_turns, slopes) = compare(&gpu, &net, one_by_one, [&image, &reference], (full, corner));
     assert_close(&[by_turns as f32], &[value as f32], 0.0, 1e-5);
-    let largest = gradient.iter().fold(0.0, |m: f32, v| m.max(v.abs()));
+    let most = largest(gradient.iter().map(|v| v.abs()));
     // The same sums, at most fused otherwise.
-    assert_close(&slopes, &gradient, 1e-6 * largest, 1e-5);
+    assert_close(&slopes, &gradient, 1e-6 * most, 1e-5);
     assert_eq!(gradient.iter().filter(|v| **v != 0.0).count(), inside, "nothing outside the part");
 }
 

@@ -8,6 +8,7 @@ use guard4d_engine::render::deform::DeformField;
 use guard4d_engine::scene::{Gaussians, Model, Motion, ply};
 use tempfile::TempDir;
 
+use crate::support::close::largest;
 use crate::support::fixture::gaussians;
 use crate::support::golden::Golden;
 use crate::support::gpu::device;
@@ -58,7 +59,7 @@ fn a_trained_network_moves_splats_as_numpy_says() {
         for (what, got, want) in
             [("means", rows(&means), want("means")), ("scales", scales, deviations), ("quats", quats, want("quats"))]
         {
-            let worst = got.iter().zip(&want).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            let worst = largest(got.iter().zip(&want).map(|(a, b)| (a - b).abs()));
             assert!(got.len() == want.len() && worst < 2e-4, "{what} at {time}: off by {worst}");
         }
     }
@@ -88,10 +89,10 @@ fn a_moment_can_be_taken_out_with_the_same_ellipsoids() {
         let scale = DVec3::from_array(still.scales[row].map(|s| f64::from(s).exp()));
         let half = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w)) * DMat3::from_diagonal(scale);
         let got = half * half.transpose();
-        let largest = want.to_cols_array().iter().fold(0.0, |most: f64, v| most.max(v.abs()));
+        let most = largest(want.to_cols_array().map(f64::abs));
         // As the network's own error, twice for the square.
-        let worst = (got - want).to_cols_array().iter().fold(0.0, |most: f64, v| most.max(v.abs()));
-        assert!(worst < 4e-3 * largest, "splat {row}: {worst} of {largest}");
+        let worst = largest((got - want).to_cols_array().map(f64::abs));
+        assert!(worst < 4e-3 * most, "splat {row}: {worst} of {most}");
     }
 }
 

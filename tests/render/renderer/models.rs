@@ -10,7 +10,7 @@ use guard4d_engine::scene::{CameraSet, FrameSize, Model};
 use guard4d_kernels::shape::OffsetBases;
 
 use super::super::{Y_0, image};
-use crate::support::close::assert_close;
+use crate::support::close::{assert_close, largest};
 use crate::support::gpu::{Gpu, device};
 use crate::support::random::Random;
 use crate::support::{repo, shared};
@@ -82,7 +82,7 @@ fn lowest_colour(sh_coeffs: &[f32], offsets: &[f32], factor: f32) -> f32 {
             0.5 + Y_0 * sh[channel] - Y_LENGTH * (length(&sh[3..]) + factor * length(offset))
         })
     });
-    colours.fold(f32::INFINITY, f32::min)
+    -largest(colours.map(|colour| -colour))
 }
 
 fn dot(a: &[f32], b: &[f32]) -> f64 {
@@ -111,9 +111,9 @@ fn offsets_act_linearly_and_their_gradient_is_the_adjoint() {
     let [clean, once, twice] = [&zero, &data, &twice].map(film);
     let change: Vec<f32> = once.iter().zip(&clean).map(|(o, c)| o - c).collect();
     assert!(change.chunks(4).all(|p| p[3] == 0.0), "offsets never touch the transmittance");
-    let brightest = clean.iter().copied().fold(0.0, f32::max);
-    let largest = change.iter().fold(0.0, |m: f32, v| m.max(v.abs()));
-    assert!(largest > 0.2 && brightest < 6.0, "large offsets: {largest}, on colours up to {brightest}");
+    let brightest = largest(clean.iter().copied());
+    let most = largest(change.iter().map(|v| v.abs()));
+    assert!(most > 0.2 && brightest < 6.0, "large offsets: {most}, on colours up to {brightest}");
     let doubled: Vec<f32> = change.iter().zip(&clean).map(|(d, c)| 2.0 * d + c).collect();
     // A pixel adds up tens of terms to at most 4, in each of three pictures: some forty roundings of 2^-23. Found:
     // 4e-6.
@@ -203,15 +203,16 @@ fn a_fixed_view_gives_the_same_pictures_and_gradients_in_no_more_memory() {
     let values = Random(4).vec_f32(row * s.field.len(), -2.0, 2.0);
     let data = gpu.buffer_from("offsets", &values).expect("buffer");
     let offsets = Offsets { data: &data, bases: OffsetBases::Dc };
-    let mut largest = 0.0f32;
+    let mut brightest = Vec::new();
     for offsets in [None, Some(offsets)] {
         let want = image(&gpu, &mut s.renderer, &plan, offsets, s.model.background).expect("renders");
         let got = image(&gpu, &mut s.renderer, &fixed, offsets, s.model.background).expect("renders");
         // Two orders of adding 16 terms of size one, then a mean of them.
         assert_close(&got, &want, 1e-5, 0.0);
-        largest = want.iter().fold(largest, |m, v| m.max(*v));
+        brightest.push(largest(want.iter().copied()));
     }
-    assert!(largest > 1.2, "the offsets show: {largest}");
+    let brightest = largest(brightest);
+    assert!(brightest > 1.2, "the offsets show: {brightest}");
     let v_clip = gpu.buffer_from("v_clip", &Random(5).vec_f32(plan.frame_len(), -1.0, 1.0)).expect("buffer");
     let mut gradient = |plan: &FramePlan| {
         let mut v_offsets = gpu.buffer("v_offsets", data.len()).expect("buffer");

@@ -6,6 +6,8 @@ use guard4d_engine::scene::camera::flight::Ends;
 use guard4d_engine::scene::camera::paths::{Lens, Orbit};
 use guard4d_engine::scene::{Camera, CameraSet, FrameSize};
 
+use crate::support::close::largest;
+
 /// Poses pass through f64 from f32 numbers near 4 and back: a few units in the last place.
 const POSE_TOLERANCE: f32 = 2e-6;
 
@@ -20,8 +22,7 @@ fn ring(views: u32) -> CameraSet {
 
 #[track_caller]
 fn assert_same(got: &Camera, want: &Camera) {
-    let worst =
-        (got.world_to_camera - want.world_to_camera).to_cols_array().into_iter().map(f32::abs).fold(0.0, f32::max);
+    let worst = largest((got.world_to_camera - want.world_to_camera).to_cols_array().map(f32::abs));
     assert!(worst <= POSE_TOLERANCE && got.world_to_camera.is_finite(), "{got:?} is not {want:?}");
     assert_eq!((got.fx, got.fy, got.cx, got.cy), (want.fx, want.fy, want.cx, want.cy), "lens");
     assert_eq!((got.width, got.height), (want.width, want.height), "size");

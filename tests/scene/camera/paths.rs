@@ -6,6 +6,7 @@ use guard4d_engine::scene::camera::paths::{Band, Lens, Orbit};
 use guard4d_engine::scene::{CameraSet, FrameSize};
 
 use super::{POSE_TOLERANCE, assert_near, band, lens, orbit};
+use crate::support::close::largest;
 use crate::support::shared;
 
 #[test]
@@ -17,7 +18,7 @@ fn the_orbit_stands_where_blender_and_the_shipped_cameras_do() {
     let Some(path) = shared("data/models/robot/transforms_test.json") else { return };
     let shipped = CameraSet::open(&path, lens().size).expect("shipped cameras");
     let difference = first.world_to_camera - shipped.views[0].camera.world_to_camera;
-    let worst = difference.to_cols_array().into_iter().fold(0.0, |worst: f32, e| worst.max(e.abs()));
+    let worst = largest(difference.to_cols_array().map(f32::abs));
     assert!(worst <= POSE_TOLERANCE && difference.is_finite(), "{difference}");
 }
 

@@ -6,6 +6,7 @@ use glam::{DMat3, DQuat, DVec3};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::scene::{Gaussians, Model, PlyFile};
 
+use crate::support::close::largest;
 use crate::support::repo;
 
 mod format;
@@ -55,10 +56,10 @@ fn assert_same_scene(got: &Gaussians, want: &Gaussians, tolerance: f32, what: &s
         let all = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| close(*a, *b));
         assert!(all(&got.means[row], &want.means[row]), "{at}: {:?} {:?}", got.means[row], want.means[row]);
         let (a, b) = (covariance(got, row), covariance(want, row));
-        let largest = b.to_cols_array().iter().fold(0.0, |most: f64, v| most.max(v.abs()));
-        assert!((a - b).to_cols_array().iter().all(|d| d.abs() <= f64::from(tolerance) * largest), "{at}: {a} {b}");
+        let most = largest(b.to_cols_array().map(f64::abs));
+        assert!((a - b).to_cols_array().iter().all(|d| d.abs() <= f64::from(tolerance) * most), "{at}: {a} {b}");
         assert!(close(opacity(got.opacities[row]), opacity(want.opacities[row])), "{at}: opacity");
     }
-    let worst = got.sh_coeffs.iter().zip(&want.sh_coeffs).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    let worst = largest(got.sh_coeffs.iter().zip(&want.sh_coeffs).map(|(a, b)| (a - b).abs()));
     assert!(worst <= tolerance && got.sh_coeffs.len() == want.sh_coeffs.len(), "{what}: colours differ by {worst}");
 }

@@ -10,6 +10,7 @@ use guard4d_engine::scene::{Gaussians, Model};
 
 use super::{golden, golden_bytes, splats_of};
 use crate::scene::assert_refused;
+use crate::support::close::largest;
 use crate::support::fixture;
 
 #[test]
@@ -17,7 +18,7 @@ fn a_scene_survives_to_within_half_a_step() {
     let splats = splats_of(&golden("scene.ply"));
     let bytes = encode(Path::new("scene.spz"), &splats).expect("it fits");
     let back = decode(Path::new("scene.spz"), &bytes).expect("our own file");
-    let worst = |pairs: Vec<(f32, f32)>| pairs.into_iter().map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    let worst = |pairs: Vec<(f32, f32)>| largest(pairs.into_iter().map(|(a, b)| (a - b).abs()));
     let flat =
         |a: &[[f32; 3]], b: &[[f32; 3]]| worst(a.iter().flatten().copied().zip(b.iter().flatten().copied()).collect());
     // Half of 1/4096, of 1/16 and of 1/255 by 0.15, with a rounding.

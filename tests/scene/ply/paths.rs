@@ -8,6 +8,7 @@ use guard4d_engine::scene::{Model, Motion};
 
 use crate::scene::assert_refused;
 use crate::scene::formats::open_bytes;
+use crate::support::close::largest;
 use crate::support::random::Random;
 
 const SPLATS: usize = 4;
@@ -48,7 +49,7 @@ fn a_mark_on_plain_colours_can_be_taken_out_to_the_byte() {
     let mut marked = model.gaussians.sh_coeffs.clone();
     marked.chunks_exact_mut(48).flat_map(|splat| &mut splat[..3]).for_each(|value| *value += 0.013);
     let stored = model.as_stored(&marked).expect("it fits");
-    let worst = marked.iter().zip(&stored).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    let worst = largest(marked.iter().zip(&stored).map(|(a, b)| (a - b).abs()));
     assert!(worst < 1e-6, "floats hold it but for a rounding of the colour: {worst}");
     let written = model.write_marked(&folder.path().join("marked"), &stored).expect("writable");
     undo::write(&private, &model, &stored).expect("writable");

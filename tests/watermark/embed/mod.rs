@@ -1,4 +1,6 @@
 //! Embedding.
 
+mod checkpoint;
+mod clips;
 mod embedding;
 mod visibility;

@@ -6,7 +6,7 @@ use guard4d_engine::error::EngineError;
 use guard4d_engine::watermark::extractor::calibration::{CONTENT_LEVEL, Calibration};
 use guard4d_engine::watermark::extractor::scatter::AssetFeatures;
 
-use crate::support::close::assert_close;
+use crate::support::close::{assert_close, largest};
 use crate::support::random::Random;
 use crate::watermark::key::decoder::{logits, random_weights, wide};
 
@@ -72,7 +72,7 @@ fn what_moves_copies_says_nothing() {
     let copy: Vec<f32> = mean.iter().enumerate().map(|(j, v)| v + if j + 1 == WIDTH { 200.0 } else { 0.0 }).collect();
     let data = |copies| AssetFeatures { content: &content, copies, responses: &responses, frames: 1, width: WIDTH };
     let tolerant = Calibration::fit(&data(&copy), BITS, &mut rng).expect("finite features");
-    let said = |map: &Calibration| projected(map, &copy).iter().map(|z| z.abs()).fold(0.0, f64::max);
+    let said = |map: &Calibration| largest(projected(map, &copy).iter().map(|z| z.abs()));
     // Its noise is 4e4 along that axis, and about 1e-2 along the others.
     let (before, after) = (said(&fitted(3)), said(&tolerant));
     assert!(before > 100.0 && after < 1.0, "what the copy says: {before} without, {after} with it");

@@ -11,9 +11,10 @@ use super::progress::Progress;
 use crate::base::output::{AtomicFile, Existing};
 use crate::base::tensor_file::{Tensor, TensorFile};
 use crate::error::EngineError;
+use crate::watermark::key::owner_key::digest_of;
 
 /// `format` entry of a checkpoint.
-const FORMAT: &str = "guard4d.checkpoint/5";
+const FORMAT: &str = "guard4d.checkpoint/6";
 /// Number of the rotation that was taken; left out while rotations are tried, which begins anew.
 const KEY_ROTATION: &str = "key_rotation";
 /// Tensor of the last control's logits.
@@ -22,15 +23,17 @@ const HELD_CONTROL: &str = "control_logits";
 const PROGRESS: &str = "progress";
 
 impl Embedding<'_> {
-    /// What a checkpoint must agree with: settings, key, message, the unmarked coefficients and a given
-    /// extractor.
+    /// What a checkpoint must agree with: settings, key, message, the unmarked scene with its motion and its
+    /// background, the CLIP checkpoint and a given extractor.
     fn identity(&self) -> String {
         let mut hasher = blake3::Hasher::new();
         hasher.update(self.config.identity().as_bytes());
+        hasher.update(digest_of(self.subject.clip).to_string().as_bytes());
         hasher.update(self.subject.clip.precision().name().as_bytes());
         hasher.update(self.subject.key.prf().key_id().to_string().as_bytes());
+        hasher.update(self.subject.key.decoder_digest().to_string().as_bytes());
         hasher.update(self.subject.message.commitment(&self.subject.key.prf()).to_string().as_bytes());
-        hasher.update(bytemuck::cast_slice(&self.subject.model.gaussians.sh_coeffs));
+        hasher.update(self.subject.model.content().to_string().as_bytes());
         if let Some(frozen) = &self.frozen {
             hasher.update(frozen.to_string().as_bytes());
         }
@@ -79,7 +82,11 @@ impl Embedding<'_> {
         let file = TensorFile::read(path)?;
         file.expect_text("format", FORMAT)?;
         if file.text("identity")? != self.identity() {
-            return Err(file.bad("identity", "another embedding", "the same model, key, message and settings"));
+            return Err(file.bad(
+                "identity",
+                "another embedding",
+                "the same model, motion, key, message, CLIP and settings",
+            ));
         }
         if !file.meta.contains_key(KEY_ROTATION) {
             return Ok(());

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use glam::Mat4;
+use glam::{DMat3, DVec3, Mat4};
 use guard4d_kernels::Device;
 use guard4d_kernels::loss::ssim::{self, SsimReference, SsimScratch};
 use rand_chacha::ChaCha20Rng;
@@ -11,6 +11,7 @@ use super::buffers::TrainingBuffers;
 use super::config::EmbedConfig;
 use super::draw::unit;
 use super::training_clip::TrainingClip;
+use crate::base::numbers::narrow;
 use crate::base::prf::uniform_unit;
 use crate::error::EngineError;
 use crate::render::deform::DeformField;
@@ -64,19 +65,33 @@ pub(super) fn shots(
             times = std::array::from_fn(|i| (i as f32 + shift) / CLIP_FRAMES as f32);
         }
         let turn = config.views.turn_deg.to_radians() * (2.0 * uniform_unit(rng) - 1.0);
-        drawn.push(times.iter().enumerate().map(|(i, &t)| (shot(views, i, turn), t)).collect());
+        let turned = |i: usize| Turn { target: look_at.target, angle_rad: turn * i as f64 };
+        drawn.push(times.iter().enumerate().map(|(i, &t)| (shot(views, i, turned(i)), t)).collect());
     }
     Ok(drawn)
 }
 
-/// Camera of frame `i`: a view of its own, or the only one turned `i` times.
-#[allow(clippy::cast_possible_truncation, reason = "cameras are single precision")]
-fn shot(views: &[View], i: usize, turn_rad: f64) -> Camera {
+/// How far a camera has gone round the vertical line, which is parallel to z, through the point that it looks at.
+#[derive(Clone, Copy)]
+struct Turn {
+    target: DVec3,
+    angle_rad: f64,
+}
+
+impl Turn {
+    /// The turn of the world that a camera sees instead of its own.
+    fn of_world(self) -> Mat4 {
+        let turn = DMat3::from_rotation_z(self.angle_rad);
+        let shift = (self.target - turn * self.target).as_vec3();
+        // The rotation by itself is made in f32, as all cameras are; about the origin nothing else is left of the turn.
+        Mat4 { w_axis: shift.extend(1.0), ..Mat4::from_rotation_z(narrow(self.angle_rad)) }
+    }
+}
+
+/// Camera of frame `i`: a view of its own, or the only one turned.
+fn shot(views: &[View], i: usize, turn: Turn) -> Camera {
     match views {
-        [one] => {
-            let turn = Mat4::from_rotation_z((turn_rad * i as f64) as f32);
-            Camera { world_to_camera: one.camera.world_to_camera * turn, ..one.camera }
-        }
+        [one] => Camera { world_to_camera: one.camera.world_to_camera * turn.of_world(), ..one.camera },
         several => several[i].camera,
     }
 }

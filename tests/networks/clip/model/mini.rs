@@ -6,7 +6,7 @@ use guard4d_engine::networks::clip::{ClipModel, ClipSource, Precision, TowerPurp
 use guard4d_kernels::Buffer;
 
 use super::super::{length, padded_texts, pixels_of, token_ids};
-use crate::support::close::{assert_close, assert_features_close, cosine, relative_distance};
+use crate::support::close::{assert_close, assert_features_close, cosine, largest, relative_distance};
 use crate::support::gpu::{Gpu, device, half_device, own_device};
 use crate::support::{repo, shared};
 
@@ -109,9 +109,9 @@ fn pixel_gradients_match_transformers() {
         for (g, w) in got.chunks_exact(64 * 64 * 4).zip(want.chunks_exact(64 * 64 * 4)) {
             let similar = cosine(g, w);
             assert!(similar > 0.9999, "cosine {similar}");
-            let largest = w.iter().fold(0.0f32, |m, v| m.max(v.abs()));
+            let most = largest(w.iter().map(|v| v.abs()));
             // f32 rounding through eight half-layers and back, relative to the largest entry.
-            assert_close(g, w, 1e-3 * largest, 1e-3);
+            assert_close(g, w, 1e-3 * most, 1e-3);
         }
     }
 }

@@ -4,6 +4,7 @@ use guard4d_engine::scene::formats::Format;
 use guard4d_engine::scene::{Model, Motion};
 
 use super::super::{assert_same_scene, golden, golden_bytes, open_bytes, splats_of};
+use crate::support::close::largest;
 use crate::support::shared;
 
 /// Other code computes the same values in double precision; ours differ by roundings of values up to 10.
@@ -54,7 +55,7 @@ fn real_captures_are_read_whole() {
     // The same capture in two formats: its extent is the same to their coarsest step.
     let extent = |splats: &guard4d_engine::scene::Gaussians| {
         let along = |axis: usize| splats.means.iter().map(move |mean| mean[axis]);
-        [0, 1, 2].map(|axis| along(axis).fold(f32::MIN, f32::max) - along(axis).fold(f32::MAX, f32::min))
+        [0, 1, 2].map(|axis| largest(along(axis)) + largest(along(axis).map(|x| -x)))
     };
     for (a, b) in extent(&spz).iter().zip(extent(&packed)) {
         assert!((a - b).abs() < 0.01 * b, "{a} against {b} along an axis");

@@ -8,6 +8,7 @@ use guard4d_engine::scene::formats::Export;
 use guard4d_engine::scene::{Model, PlyFile};
 
 use super::super::{assert_same_scene, golden, splats_of};
+use crate::support::close::largest;
 use crate::support::repo;
 
 /// A program that `./x interop` names in the environment. `None`, with the reason printed, where it does not.
@@ -59,7 +60,7 @@ fn splat_transform_reads_what_is_written_and_its_files_come_back() {
             let nearest = nearest.expect("a scene has splats");
             // A step of 24, 16 and 11 bits of the scene's extent, and of a byte of its colours.
             assert!(distance(&splats.means[nearest]) < means, "{name}: {mean:?}");
-            let off = (0..3).map(|c| (coeffs[c] - splats.sh_coeffs[48 * nearest + c]).abs()).fold(0.0, f32::max);
+            let off = largest((0..3).map(|c| (coeffs[c] - splats.sh_coeffs[48 * nearest + c]).abs()));
             assert!(off < colours, "{name}: a DC term is off by {off}");
         }
     }

@@ -20,7 +20,7 @@ use guard4d_engine::watermark::extractor::weights::ExtractorWeights;
 use guard4d_kernels::KernelError;
 use guard4d_kernels::vk::MemoryUse;
 
-use crate::support::close::assert_close;
+use crate::support::close::{assert_close, largest};
 use crate::support::gpu::{Gpu, device, own_device, staged_device};
 use crate::support::owner::{BITS, Owner};
 use crate::support::random_lpips;
@@ -353,12 +353,12 @@ fn a_control_counts_as_often_as_it_is_left_out() {
     });
     let [once, twice, thrice] = after.each_ref().map(|(moments, _)| moments);
     let difference = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<_>>();
-    let largest = |values: &[f32]| values.iter().fold(0.0, |m: f32, v| m.max(v.abs()));
+    let most = |values: &[f32]| largest(values.iter().map(|v| v.abs()));
     let (second, third) = (difference(twice, once), difference(thrice, twice));
-    assert!(largest(&second) > 1e-3 * largest(thrice), "a control has a gradient: {}", largest(&second));
+    assert!(most(&second) > 1e-3 * most(thrice), "a control has a gradient: {}", most(&second));
     // Sums of 8192 pixels' products whose factors are rounded after a multiplication by three: 2^-24 · √8192 of the
     // largest is 5e-6, and the way back through CLIP takes some more.
-    assert_close(&third, &second, 1e-4 * largest(thrice), 0.0);
+    assert_close(&third, &second, 1e-4 * most(thrice), 0.0);
     // The offsets see the marked clip alone.
     let bits = |offsets: &[f32]| offsets.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
     assert!(after.iter().all(|(_, offsets)| bits(offsets) == bits(&after[0].1)), "the same offsets");
@@ -416,7 +416,7 @@ fn no_offset_exceeds_its_bound() {
         });
         let (_, embedded) = train(Embedding::prepare(owner.subject(&gpu), config).expect("prepares"));
         let pairs = embedded.sh_coeffs.iter().zip(&owner.model.gaussians.sh_coeffs);
-        pairs.map(|(marked, clean)| dc * (marked - clean).abs()).fold(0.0, f32::max)
+        largest(pairs.map(|(marked, clean)| dc * (marked - clean).abs()))
     };
     let degree = owner.model.gaussians.sh_degree;
     for (bases, used) in [(OffsetBases::All, (degree + 1).pow(2)), (OffsetBases::Dc, 1)] {

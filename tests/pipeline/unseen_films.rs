@@ -1,0 +1,127 @@
+//! The promise itself: a trained key, a marked scene, H.264 films of it from cameras that training never saw, and the
+//! message read from them.
+
+use std::path::Path;
+
+use guard4d_engine::evidence::extractor_mode::ExtractorMode;
+use guard4d_engine::evidence::id_code::SearchedP;
+use guard4d_engine::evidence::reading::Reading;
+use guard4d_engine::evidence::statistics::chance_band;
+use guard4d_engine::media::codec::Codec;
+use guard4d_engine::media::encode::{EncodeOptions, write_video};
+use guard4d_engine::media::{Frame, ReadOptions, read_clip};
+use guard4d_engine::release::evaluate::HeldOut;
+use guard4d_engine::scene::camera::paths::{Lens, Orbit};
+use guard4d_engine::scene::demo::DemoScene;
+use guard4d_engine::scene::{CameraSet, FrameSize, Model};
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedding, Profile, Subject};
+use guard4d_engine::watermark::extractor::reader::Reader;
+
+use crate::support::gpu::device;
+use crate::support::{has_ffmpeg, trained};
+
+const BITS: u32 = 16;
+/// Sides of the frames that are trained on, and of the films.
+const SIDE_PX: [u32; 2] = [64, 128];
+/// Films, and frames of each.
+const SIDES: u32 = 6;
+const MOMENTS: u8 = 8;
+/// Least share of bits right, film by film. Seen with seeds 3, 4 and 5: 0.96, 0.99 and 0.93 for `blind`, 0.91, 0.91 and
+/// 0.90 for `pretrained`. Chance comes to 0.5, and to 0.8 of 16 bits once in 100 times.
+const BITS_RIGHT: f64 = 0.8;
+/// Largest p-value of all films together.
+const P_VALUE: f64 = 1e-3;
+/// Least fidelity. Seen: 47.6 to 48.6 dB; the mark is as strong as the default settings want it.
+const PSNR_DB: f64 = 46.0;
+/// Two-sided confidence of the band for films without a mark, all read as one: 16 coin flips leave it once in 1000 times.
+/// Seen: 7 to 12 matches.
+const CONFIDENCE: f64 = 0.999;
+
+/// Six sides from between the heights that training draws from, at moments of the whole motion.
+fn cameras() -> CameraSet {
+    let lens = Lens { fov_x_rad: 0.69, size: FrameSize::new(SIDE_PX[1], SIDE_PX[1]).expect("a size") };
+    let orbit = Orbit { views: SIDES, elevation_deg: 27.0, radius: 4.0, target: glam::Vec3::ZERO, lens };
+    let times: Vec<f32> = (0..MOMENTS).map(|i| (f32::from(i) + 0.5) / f32::from(MOMENTS)).collect();
+    orbit.cameras().expect("an orbit").at_times(&times)
+}
+
+/// The film as it comes back from an H.264 file at `path`.
+fn through_h264(path: &Path, frames: &[Frame]) -> Vec<Frame> {
+    let options = EncodeOptions { codec: Some(Codec::H264), ..EncodeOptions::default() };
+    write_video(path, frames, &options).expect("encodes");
+    let film = read_clip(path, &ReadOptions::default()).expect("decodes").frames().to_vec();
+    assert_eq!(film.len(), frames.len(), "frames of {}", path.display());
+    film
+}
+
+/// What the films of all sides say, each by itself and all together.
+fn read(reader: &mut Reader, films: &[Vec<Frame>]) -> (Vec<Reading>, Reading) {
+    let logits: Vec<_> = films.iter().map(|film| reader.logits(film).expect("reads")).collect();
+    let of = |logits: &[f32]| Reading::from_logits(logits, BITS).expect("finite logits");
+    (logits.iter().map(|film| of(film)).collect(), of(&logits.concat()))
+}
+
+/// Embeds, delivers, films, reads, and fails where the mark is not read, is seen, or is read where there is none.
+fn assert_read(mode: ExtractorMode) {
+    let Some(gpu) = device() else { return };
+    if !has_ffmpeg() {
+        return;
+    }
+    let clip = trained::clip(&gpu);
+    let key = trained::key_of_16(&gpu, &clip);
+    let scene = DemoScene::unpack().expect("the scene unpacks");
+    let model = Model::open(scene.path()).expect("the scene opens");
+    let message = key.own_message();
+    let config = EmbedConfig::new(Profile::Draft, mode).with(|c| {
+        c.seed = 3;
+        c.views.size_px = (SIDE_PX[0], SIDE_PX[0]);
+        c.views.clips = 48;
+        c.optimiser.steps = 400;
+        c.optimiser.held_out_every = 0;
+        c.open_weights().expect("what is built in is whole");
+    });
+    let subject = Subject { device: &gpu, clip: &clip, key, model: &model, message: &message };
+    let mut embedding = Embedding::prepare(subject, config).expect("prepares");
+    while embedding.step().expect("steps").is_some() {}
+    let embedded = embedding.finish().expect("finishes");
+
+    // What counts is what the files of the marked copy hold.
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    let copy = folder.path().join("marked");
+    model.write_marked(&copy, &embedded.sh_coeffs).expect("writes");
+    let marked = Model::open(&copy).expect("the copy opens").gaussians.sh_coeffs;
+    let films = HeldOut::render(&gpu, &model, &marked, &cameras()).expect("films");
+    let psnr = films.psnr().expect("there are frames").pooled_db.0;
+    let mut number = 0;
+    let films = films.changed(|film| {
+        number += 1;
+        Ok(through_h264(&folder.path().join(format!("{number}.mp4")), film))
+    });
+    let films = films.expect("nothing above fails in this way");
+    let mut reader = Reader::new(&gpu, &clip, key, &embedded.extractor).expect("belongs to the key");
+    let (marked, all_marked) = read(&mut reader, &films.marked);
+    let (_, all_clean) = read(&mut reader, &films.clean);
+
+    let matches = |film: &Reading| film.matches(&message).expect("16 bits");
+    let right = marked.iter().map(matches).sum::<u32>();
+    let (share, clean) = (f64::from(right) / f64::from(BITS * SIDES), matches(&all_clean));
+    let p = SearchedP::of(&all_marked, &message, 1).expect("16 bits").soft_score;
+    let seen = format!("{mode:?}: {share} of the bits, p = {p}, {psnr} dB, {clean} of {BITS} without a mark");
+    assert_eq!(marked.len(), SIDES as usize, "a reading of each film");
+    assert!(share >= BITS_RIGHT, "{seen}; at least {BITS_RIGHT} of the bits of each film are due");
+    assert!(p <= P_VALUE, "{seen}; at most {P_VALUE} is due for all films together");
+    assert!(psnr >= PSNR_DB, "{seen}; at least {PSNR_DB} dB are due");
+    let band = chance_band(BITS, CONFIDENCE).expect("a confidence");
+    assert!(band.contains(&clean), "{seen}; {band:?} is what chance leaves");
+    println!("{seen}");
+}
+
+#[test]
+fn a_blind_mark_is_read_from_h264_films_of_unseen_cameras() {
+    assert_read(ExtractorMode::Blind);
+}
+
+#[test]
+fn a_mark_for_the_pretrained_extractor_is_read_from_h264_films_of_unseen_cameras() {
+    assert_read(ExtractorMode::Pretrained);
+}
