@@ -158,24 +158,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
 
     stop::check()?;
     note(common, "4/4 verify: from the video alone");
-    let receipt = out.path().join(PRIVATE).join(RECEIPT);
-    let sought = Some(Sought::Message(message));
-    let request = VerifyRequest {
-        device: &device,
-        clip: &clip,
-        key: &owner,
-        sought,
-        receipt: &receipt,
-        pretrained: None,
-        original: Some(&model),
-        trusted_clip: None,
-        claims: NonZeroU32::MIN,
-    };
-    let suspects = vec![Suspect::Video(out.path().join(VIDEO))];
-    let inputs = VerifyInputs { suspects, clean: rendered.clean, ..VerifyInputs::default() };
-    let verification = timed(&mut seconds, "verify", || {
-        request.verify_observed(&inputs, &read_options(), &mut ObserverBar::new(common))
-    })?;
+    let verification = timed(&mut seconds, "verify", || verify(subject, out.path(), rendered.clean, common))?;
 
     stop::check()?;
     let wrong_key = timed(&mut seconds, "wrong key", || {
@@ -230,6 +213,29 @@ fn render(delivery: &Delivery<'_>, cameras: &CameraSet, out: &Path) -> Result<Re
         write_video(&out.join(video), &frames, &options)?;
     }
     Ok(Rendered { evaluation, marked, clean })
+}
+
+/// Reads the marked film in `out`, beside the frames of the original.
+fn verify(
+    subject: Subject<'_>,
+    out: &Path,
+    clean: Vec<Vec<Frame>>,
+    common: &Common,
+) -> Result<VerifyReport, EngineError> {
+    let Subject { device, clip, key, model, message } = subject;
+    let request = VerifyRequest {
+        device,
+        clip,
+        key,
+        sought: Some(Sought::Message(*message)),
+        receipt: &out.join(PRIVATE).join(RECEIPT),
+        pretrained: None,
+        original: Some(model),
+        trusted_clip: None,
+        claims: NonZeroU32::MIN,
+    };
+    let inputs = VerifyInputs { suspects: vec![Suspect::Video(out.join(VIDEO))], clean, ..VerifyInputs::default() };
+    request.verify_observed(&inputs, &read_options(), &mut ObserverBar::new(common))
 }
 
 /// What someone with another key reads from the marked clips when the owner's extractor is lent to them.

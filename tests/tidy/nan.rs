@@ -6,7 +6,7 @@ use super::sources::{assert_none, code, files, name, text};
 const DROPS: [&str; 6] = ["f32::max", "f64::max", "f32::min", "f64::min", ".max(", ".min("];
 
 /// Calls that take values one after the other.
-const FOLDS: [&str; 2] = [concat!(".fo", "ld("), concat!(".red", "uce(")];
+const FOLDS: [&str; 2] = [concat!(".f", "old("), concat!(".r", "educe(")];
 
 /// The text from the bracket at its start to the one that closes it; all of it where none does.
 fn bracketed(text: &str) -> &str {

@@ -14,6 +14,9 @@ use crate::support::gpu::{Gpu, device};
 use crate::support::owner::{BITS, Owner, key_file};
 use crate::support::{fixture, tiny_clip};
 
+/// What is done to a model.
+type Change = fn(&mut Model);
+
 const SPLATS: usize = 60;
 
 fn scene(motion: Motion) -> Model {
@@ -69,7 +72,7 @@ fn a_checkpoint_belongs_to_one_scene_one_motion_and_one_clip() {
     trial.prepare(&model, &clip).save(&at).expect("saves");
     trial.prepare(&model, &clip).restore(&at).expect("the same embedding");
 
-    let changes: [(&str, fn(&mut Model)); 8] = [
+    let changes: [(&str, Change); 8] = [
         ("means", |m| m.gaussians.means[7][1] += 0.01),
         ("rotations", |m| m.gaussians.quats[7][1] += 0.01),
         ("scales", |m| m.gaussians.scales[7][1] += 0.01),
