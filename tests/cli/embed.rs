@@ -116,7 +116,8 @@ fn a_chosen_rotation_is_in_the_report_and_in_the_p_value() {
     assert!(p["kind"] == "searched" && p["searched"] == 2 && p["soft_score"].is_number(), "{report}");
     let text = verify(&[]).stdout;
     assert!(
-        text.contains("at most, of the best of 2 claims") && text.contains("a rotation, an edit or a receipt was chosen"),
+        text.contains("at most, of the best of 2 claims")
+            && text.contains("a rotation, an edit or a receipt was chosen"),
         "{text}"
     );
     small.set("--extractor", "joint");
