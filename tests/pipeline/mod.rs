@@ -3,4 +3,5 @@
 mod conventions;
 mod delivery;
 mod false_claims;
+mod p_value_chart;
 mod unseen_films;

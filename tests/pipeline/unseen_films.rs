@@ -33,8 +33,8 @@ const BITS_RIGHT: f64 = 0.8;
 const P_VALUE: f64 = 1e-3;
 /// Least fidelity. Seen: 47.6 to 48.6 dB; the mark is as strong as the default settings want it.
 const PSNR_DB: f64 = 46.0;
-/// Two-sided confidence of the band for films without a mark, all read as one: 16 coin flips leave it once in 1000 times.
-/// Seen: 7 to 12 matches.
+/// Two-sided confidence of the band for films without a mark, all read as one: 16 coin flips leave it once in 1000
+/// times. Seen: 7 to 12 matches.
 const CONFIDENCE: f64 = 0.999;
 
 /// Six sides from between the heights that training draws from, at moments of the whole motion.
