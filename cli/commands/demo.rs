@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
-use guard4d_engine::base::output::{AtomicDir, Existing};
+use guard4d_engine::base::output::{AtomicDir, AtomicFile, Existing};
 use guard4d_engine::base::prf::MasterSecret;
 use guard4d_engine::detect::report::VerifyReport;
 use guard4d_engine::detect::request::{VerifyInputs, VerifyRequest};
@@ -34,6 +34,7 @@ use crate::flags::overwrite::Overwrite;
 use crate::flags::size::parse_size;
 use crate::shared::device;
 use crate::shared::media::{ffmpeg, read_options};
+use crate::ui::document::{Document, Repeat};
 use crate::ui::outcome::Outcome;
 use crate::ui::progress::ObserverBar;
 use crate::ui::report::{cost_rows, evidence_in_words, note, percent, print, reading_rows, table};
@@ -92,6 +93,10 @@ const BITS: u32 = 16;
 const INPUT: &str = "demo-scene";
 /// The marked film, which is verified.
 const VIDEO: &str = "marked.mp4";
+/// The verdict as a page.
+const PAGE: &str = "verdict.html";
+/// What verifies the film again, from within the folder.
+const REPEAT: &str = "guard4d verify marked.mp4 --key owner.key --receipt private/receipt.json";
 
 /// What `--json` prints.
 #[derive(Serialize)]
@@ -158,7 +163,15 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
 
     stop::check()?;
     note(common, "4/4 verify: from the video alone");
-    let verification = timed(&mut seconds, "verify", || verify(subject, out.path(), rendered.clean, common))?;
+    let inputs = VerifyInputs {
+        suspects: vec![Suspect::Video(out.path().join(VIDEO))],
+        clean: rendered.clean,
+        ..VerifyInputs::default()
+    };
+    let verification = timed(&mut seconds, "verify", || verify(subject, out.path(), &inputs, common))?;
+    let repeat = Repeat { command: REPEAT.to_owned(), device: device.info().name.clone() };
+    let page = Document { report: &verification, clean: &inputs.clean, repeat }.html()?;
+    AtomicFile::write(&out.path().join(PAGE), Existing::Refuse, page.as_bytes())?;
 
     stop::check()?;
     let wrong_key = timed(&mut seconds, "wrong key", || {
@@ -172,6 +185,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     let result = Printed { evaluation, evidence, wrong_key, seconds, peak_memory_bytes, verification };
     print(common, &result, human)?;
     note(common, &format!("\nframes, videos, key and receipt are in {}", args.out.display()));
+    note(common, &format!("the verdict as a page: {}", args.out.join(PAGE).display()));
     Ok(Outcome::Judged(verification.evidence.verdict))
 }
 
@@ -215,11 +229,11 @@ fn render(delivery: &Delivery<'_>, cameras: &CameraSet, out: &Path) -> Result<Re
     Ok(Rendered { evaluation, marked, clean })
 }
 
-/// Reads the marked film in `out`, beside the frames of the original.
+/// Weighs `inputs` by the receipt in `out`.
 fn verify(
     subject: Subject<'_>,
     out: &Path,
-    clean: Vec<Vec<Frame>>,
+    inputs: &VerifyInputs,
     common: &Common,
 ) -> Result<VerifyReport, EngineError> {
     let Subject { device, clip, key, model, message } = subject;
@@ -234,8 +248,7 @@ fn verify(
         trusted_clip: None,
         claims: NonZeroU32::MIN,
     };
-    let inputs = VerifyInputs { suspects: vec![Suspect::Video(out.join(VIDEO))], clean, ..VerifyInputs::default() };
-    request.verify_observed(&inputs, &read_options(), &mut ObserverBar::new(common))
+    request.verify_observed(inputs, &read_options(), &mut ObserverBar::new(common))
 }
 
 /// What someone with another key reads from the marked clips when the owner's extractor is lent to them.

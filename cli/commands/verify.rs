@@ -1,10 +1,12 @@
 //! `guard4d verify`
 
+use std::ffi::OsString;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 
 use clap::Args;
 use guard4d_engine::base::digest::Digest;
+use guard4d_engine::base::output::AtomicFile;
 use guard4d_engine::detect::controls::OtherKey;
 use guard4d_engine::detect::request::{VerifyInputs, VerifyRequest};
 use guard4d_engine::detect::sought::Sought;
@@ -20,11 +22,13 @@ use guard4d_engine::watermark::key::owner_key::Key;
 
 use crate::flags::common::Common;
 use crate::flags::frames::{FrameArgs, FramingArgs};
+use crate::flags::overwrite::Overwrite;
 use crate::flags::trust::TrustArgs;
 use crate::flags::views::EvaluationViews;
 use crate::shared::media::read_some;
 use crate::shared::views::cameras;
 use crate::shared::{device, suspects};
+use crate::ui::document::{Document, Repeat};
 use crate::ui::outcome::Outcome;
 use crate::ui::progress::ObserverBar;
 use crate::ui::report::print;
@@ -98,10 +102,20 @@ pub(crate) struct VerifyArgs {
     framing: FramingArgs,
     #[command(flatten)]
     views: EvaluationViews,
+    /// Write the verdict as a page for people: one HTML file that needs no other and no network
+    ///
+    /// It shows frames of the films, beside the original's if that is given, the bits, the controls, the hashes, and how
+    /// somebody else repeats it. It holds the message and the command as typed: who has the page knows both.
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: Overwrite,
 }
 
 pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineError> {
     stop::listen(common);
+    // Whether it may be written is known before the films are read.
+    let page = args.report.as_deref().map(|path| AtomicFile::create(path, args.overwrite.existing())).transpose()?;
     let device = device::open(common)?;
     let clip = device::load_clip(&device, &ClipSource::from_argument(&args.clip), common)?;
     let key = Receipt::read(&args.receipt)?.body.promise.key_for(&Key::read(&args.key, &clip)?)?;
@@ -139,10 +153,40 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
     };
     let options = ReadOptions { framing: args.framing.framing(), ..read_some(&args.frames) };
     let report = request.verify_observed(&inputs, &options, &mut ObserverBar::new(common))?;
+    if let Some(page) = page {
+        let repeat = Repeat { command: repeated(std::env::args_os()), device: device.info().name.clone() };
+        page.finish(Document { report: &report, clean: &inputs.clean, repeat }.html()?.as_bytes())?;
+    }
     print(common, &report, human)?;
     Ok(Outcome::Judged(report.evidence.verdict))
 }
 
+/// The command line as a shell takes it, without what says where results go.
+fn repeated(arguments: impl Iterator<Item = OsString>) -> String {
+    let mut words = vec!["guard4d".to_owned()];
+    let mut skips = false;
+    for argument in arguments.skip(1) {
+        let word = argument.to_string_lossy();
+        let is_output = matches!(&*word, "--overwrite" | "-w" | "--json") || word.starts_with("--report=");
+        if !skips && !is_output && word != "--report" {
+            words.push(shlex::try_quote(&word).map_or_else(|_| word.to_string(), |quoted| quoted.to_string()));
+        }
+        skips = !skips && word == "--report";
+    }
+    words.join(" ")
+}
+
 fn parse_digest(text: &str) -> Result<Digest, String> {
     Digest::from_hex(text).ok_or_else(|| "64 hexadecimal digits are expected".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_is_repeated_without_its_outputs() {
+        let typed = ["/bin/guard4d", "verify", "a b.mp4", "--report", "-w", "-w", "--key", "k", "--report=x", "--json"];
+        assert_eq!(repeated(typed.into_iter().map(OsString::from)), "guard4d verify 'a b.mp4' --key k");
+    }
 }

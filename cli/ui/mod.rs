@@ -2,6 +2,7 @@
 
 pub(crate) mod config_markdown;
 pub(crate) mod dates;
+pub(crate) mod document;
 pub(crate) mod log;
 pub(crate) mod markdown;
 pub(crate) mod outcome;

@@ -64,12 +64,12 @@ pub(crate) fn human(report: &VerifyReport) -> String {
     table(&rows)
 }
 
-fn pool_in_words(result: &PooledResult) -> String {
+pub(super) fn pool_in_words(result: &PooledResult) -> String {
     let PooledResult { pool, num_readings, matches, num_bits, p_value, .. } = result;
     format!("{pool} ({num_readings}): {matches} of {num_bits} bits match, p = {p_value:.2}")
 }
 
-fn free_part_in_words(part: &FreePart) -> String {
+pub(super) fn free_part_in_words(part: &FreePart) -> String {
     let numbers = part.numbers;
     match part.checked {
         Checked::Refitted { .. } => format!("{numbers} numbers; fitted to the original again, and the same"),
@@ -81,7 +81,7 @@ fn free_part_in_words(part: &FreePart) -> String {
 }
 
 /// What was chosen by hand.
-fn choices_row(choices: &Choices) -> Row {
+pub(super) fn choices_row(choices: &Choices) -> Row {
     let Choices { claims, films, start, every, max_frames, crop, picture_size_px } = choices;
     let mut words = Vec::new();
     if *films > 1 {
@@ -102,16 +102,16 @@ fn choices_row(choices: &Choices) -> Row {
 }
 
 /// Whether the claim was chosen from several that could have been made.
-fn is_chosen(report: &VerifyReport) -> bool {
+pub(super) fn is_chosen(report: &VerifyReport) -> bool {
     report.key_rotation.of > 1 || report.undone.is_some() || report.standing.receipts() > 1 || report.choices.claims > 1
 }
 
-fn other_keys_in_words(keys: &OtherKeysResult) -> String {
+pub(super) fn other_keys_in_words(keys: &OtherKeysResult) -> String {
     let OtherKeysResult { num_keys, most_matches, as_good, .. } = keys;
     format!("the best of {num_keys} other keys matches {most_matches} bits; {as_good} do as well as the claim")
 }
 
-fn id_rows(id: &IdEvidence) -> Vec<Row> {
+pub(super) fn id_rows(id: &IdEvidence) -> Vec<Row> {
     let whose = match id.is_promised {
         true => "the one of the receipt".to_owned(),
         false => format!("not {}, the one of the receipt", id.promised),
@@ -139,7 +139,7 @@ fn clip_in_words(clip: &ClipReading, num_bits: u32) -> String {
     format!("{name}: {matches} of {num_bits} match, recovered exactly: {}{id}", yes_or_no(*exact))
 }
 
-fn undone_in_words(undone: &Undone) -> String {
+pub(super) fn undone_in_words(undone: &Undone) -> String {
     let Undone { guess: UndoGuess { rotation, crop, right, below, brightness, mirror }, tried } = undone;
     let mut words = Vec::new();
     if *rotation != 0.0 {
@@ -171,7 +171,7 @@ fn yes_or_no(answer: bool) -> &'static str {
     if answer { "yes" } else { "no" }
 }
 
-fn p_in_words(p: &PStatement) -> String {
+pub(super) fn p_in_words(p: &PStatement) -> String {
     match p {
         PStatement::Exact { matches, soft_score } => {
             format!("{soft_score:.2e} exact, of the soft score ({matches:.2e} of the matches)")

@@ -97,7 +97,11 @@ impl AtomicFile {
         Self::create(target, existing)?.finish(bytes)
     }
 
-    fn finish(mut self, bytes: &[u8]) -> Result<(), EngineError> {
+    /// Writes `bytes` and commits.
+    ///
+    /// # Errors
+    /// [`EngineError::Io`] if writing fails; those of [`Self::commit`].
+    pub fn finish(mut self, bytes: &[u8]) -> Result<(), EngineError> {
         let written = self.file.write_all(bytes);
         written.map_err(|source| io_error(&self.partial.path, source))?;
         self.commit()

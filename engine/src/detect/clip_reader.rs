@@ -4,6 +4,7 @@ use std::path::Path;
 
 use guard4d_kernels::Device;
 
+use super::exhibit::{Album, Exhibit};
 use crate::base::observer::{Observer, Progress};
 use crate::error::EngineError;
 use crate::media::framing::{Framing, Rect};
@@ -33,6 +34,8 @@ pub(super) struct SeenClip {
     pub(super) integrity: Integrity,
     /// The part of its frames that was read, if not all.
     pub(super) cut: Option<Rect>,
+    /// Some of its frames.
+    pub(super) exhibits: Vec<Exhibit>,
 }
 
 impl<'a> ClipReader<'a> {
@@ -80,15 +83,23 @@ impl<'a> ClipReader<'a> {
     fn video(&mut self, path: &Path, framing: Framing, guesses: &[UndoGuess]) -> Result<SeenClip, EngineError> {
         let source = FrameSource::open(path, &ReadOptions { framing, ..self.options.clone() })?;
         let (name, total) = (path.display().to_string(), source.expected_frames());
-        let mut stream = self.reader.stream(guesses);
+        let (mut stream, mut album) = (self.reader.stream(guesses), Album::new());
         let mut done = 0;
         let ending = source.for_each(&mut |frame| {
+            album.look(&frame);
             stream.push(frame)?;
             done += 1;
             self.observer.observe(Progress { stage: &name, done, total })
         })?;
         let features = stream.finish()?;
-        Ok(SeenClip { name, features, size_px: ending.size_px, integrity: ending.integrity, cut: source.cut() })
+        Ok(SeenClip {
+            features,
+            size_px: ending.size_px,
+            integrity: ending.integrity,
+            cut: source.cut(),
+            exhibits: album.close(&name),
+            name,
+        })
     }
 
     /// Frames in memory.
@@ -103,8 +114,9 @@ impl<'a> ClipReader<'a> {
         guesses: &[UndoGuess],
     ) -> Result<SeenClip, EngineError> {
         let first = frames.first().ok_or_else(|| no_frame(name))?;
-        let mut stream = self.reader.stream(guesses);
+        let (mut stream, mut album) = (self.reader.stream(guesses), Album::new());
         for (done, frame) in (1..).zip(frames) {
+            album.look(frame);
             stream.push(frame.clone())?;
             self.observer.observe(Progress { stage: name, done, total: Some(frames.len() as u64) })?;
         }
@@ -114,6 +126,7 @@ impl<'a> ClipReader<'a> {
             size_px: (first.width(), first.height()),
             integrity: Integrity::Intact,
             cut: None,
+            exhibits: album.close(name),
         })
     }
 

@@ -75,8 +75,11 @@ pub(super) fn unrelated_once(paths: &[PathBuf]) -> Result<Vec<PathBuf>, EngineEr
     Ok(once)
 }
 
-/// Hash of a file, or of all files of a folder, by the frames' order.
-fn content(path: &Path) -> Result<Digest, EngineError> {
+/// Hash of a file; or of the hashes of all files of a folder in hexadecimal, by their names' order.
+///
+/// # Errors
+/// [`EngineError::MissingInput`] or [`EngineError::Io`] naming the file.
+pub(super) fn content(path: &Path) -> Result<Digest, EngineError> {
     if !path.is_dir() {
         return Digest::of_file(path);
     }

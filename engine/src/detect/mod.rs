@@ -3,6 +3,7 @@
 mod choice;
 mod clip_reader;
 pub mod controls;
+pub mod exhibit;
 pub mod free_part;
 mod opened;
 pub mod own_clips;

@@ -4,6 +4,7 @@ use std::num::NonZeroU32;
 
 use serde::Serialize;
 
+use super::exhibit::Exhibit;
 use super::free_part::FreePart;
 use super::request::VerifyInputs;
 use super::suspect::SuspectClip;
@@ -13,11 +14,12 @@ use crate::error::EngineError;
 use crate::evidence::id_code::{IdBits, IdCode, IdReading, SearchedP};
 use crate::evidence::judgement::Evidence;
 use crate::evidence::message::Message;
+use crate::evidence::reading::Reading;
 use crate::media::ReadOptions;
 use crate::media::framing::{Crop, Rect};
 use crate::picture::undo_guess::UndoGuess;
 use crate::release::dating::standing::Standing;
-use crate::release::receipt::Schema;
+use crate::release::receipt::{Promise, Schema};
 use crate::watermark::extractor::rotation::KeyRotation;
 
 /// The evidence, with what went into it.
@@ -48,6 +50,36 @@ pub struct VerifyReport {
     pub frames: usize,
     /// What the decoder of a damaged video said.
     pub damage: Vec<String>,
+    /// Bit by bit what was claimed and what was read.
+    pub bits: Vec<BitReading>,
+    /// What the receipt has fixed; there to be read, so that JSON does not repeat it.
+    #[serde(skip)]
+    pub promise: Promise,
+    /// Some of the frames read.
+    #[serde(skip)]
+    pub exhibits: Vec<Exhibit>,
+}
+
+/// One bit of the message, in all suspect clips together.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct BitReading {
+    /// What the message says.
+    pub claimed: bool,
+    /// Mean logit of all frames: above 0 the bit reads as 1.
+    pub logit: f64,
+}
+
+impl BitReading {
+    /// Whether it reads as claimed.
+    #[must_use]
+    pub fn agrees(&self) -> bool {
+        self.claimed == (self.logit > 0.0)
+    }
+
+    /// All bits of a message.
+    pub(super) fn all(message: &Message, reading: &Reading) -> Vec<Self> {
+        message.bits().zip(reading.mean_logits()).map(|(claimed, &logit)| Self { claimed, logit }).collect()
+    }
 }
 
 /// What whoever verifies was free to choose. Each choice that was tried until the film read best is a claim of its own:
@@ -131,8 +163,14 @@ pub struct ClipReading {
     pub exact: bool,
     /// The best id, if ids are asked for.
     pub id: Option<u32>,
+    /// Frames read.
+    pub frames: u32,
+    /// Width and height of its frames, without what is cut off.
+    pub size_px: (u32, u32),
     /// The part of its frames that was read, if not all.
     pub cut: Option<Rect>,
+    /// BLAKE3 of the file, or over those of a folder's files in hexadecimal; none of what was rendered.
+    pub blake3: Option<Digest>,
 }
 
 impl ClipReading {
@@ -157,7 +195,10 @@ impl ClipReading {
             bit_accuracy: f64::from(matches) / f64::from(message.num_bits()),
             exact: matches == message.num_bits(),
             id: code.map(read).transpose()?.map(|found| found.id),
+            frames: reading.num_frames(),
+            size_px: clip.size_px(),
             cut: clip.cut(),
+            blake3: clip.content(),
         })
     }
 }

@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 
 use super::clip_reader::{ClipReader, SeenClip};
+use super::controls::content;
+use super::exhibit::{Exhibit, choose};
+use crate::base::digest::Digest;
 use crate::error::EngineError;
 use crate::evidence::reading::Reading;
 use crate::media::framing::Rect;
@@ -44,6 +47,8 @@ pub(super) struct Suspects {
     frames: usize,
     damage: Vec<String>,
     clips: Vec<SuspectClip>,
+    /// Some frames of each.
+    exhibits: Vec<Vec<Exhibit>>,
 }
 
 /// What was read of one of them.
@@ -51,7 +56,9 @@ pub(super) struct SuspectClip {
     name: String,
     /// After each guess is undone.
     readings: Vec<Reading>,
+    size_px: (u32, u32),
     cut: Option<Rect>,
+    content: Option<Digest>,
 }
 
 impl Suspects {
@@ -65,16 +72,23 @@ impl Suspects {
         guesses: &[UndoGuess],
     ) -> Result<Self, EngineError> {
         let features = vec![ClipFeatures::default(); guesses.len()];
-        let mut all = Self { features, side_px: u32::MAX, frames: 0, damage: Vec::new(), clips: Vec::new() };
+        let mut all = Self {
+            features,
+            side_px: u32::MAX,
+            frames: 0,
+            damage: Vec::new(),
+            clips: Vec::new(),
+            exhibits: Vec::new(),
+        };
+        let num_bits = reader.num_bits();
         for suspect in suspects {
             match suspect {
-                Suspect::Video(path) => all.add(reader.suspect_video(path, guesses)?, reader.num_bits())?,
-                Suspect::Frames { name, frames } => {
-                    all.add(reader.frames(name, frames, guesses)?, reader.num_bits())?;
+                Suspect::Video(path) => {
+                    all.add(reader.suspect_video(path, guesses)?, num_bits, Some(content(path)?))?;
                 }
+                Suspect::Frames { name, frames } => all.add(reader.frames(name, frames, guesses)?, num_bits, None)?,
                 Suspect::Model { name, model, cameras } => {
-                    let num_bits = reader.num_bits();
-                    reader.model(name, model, cameras, guesses, &mut |clip| all.add(clip, num_bits))?;
+                    reader.model(name, model, cameras, guesses, &mut |clip| all.add(clip, num_bits, None))?;
                 }
             }
         }
@@ -106,15 +120,23 @@ impl Suspects {
         &self.clips
     }
 
-    fn add(&mut self, clip: SeenClip, num_bits: u32) -> Result<(), EngineError> {
-        let SeenClip { name, features, size_px: (width, height), integrity, cut } = clip;
+    /// Frames to show of them.
+    pub(super) fn into_exhibits(self) -> Vec<Exhibit> {
+        choose(self.exhibits)
+    }
+
+    fn add(&mut self, clip: SeenClip, num_bits: u32, content: Option<Digest>) -> Result<(), EngineError> {
+        let SeenClip { name, features, size_px, integrity, cut, exhibits } = clip;
+        let (width, height) = size_px;
         if let Integrity::Damaged { messages } = integrity {
             self.damage.push(format!("{name}: {messages}"));
         }
         self.side_px = self.side_px.min(width).min(height);
         self.frames += features[0].logits.len() / num_bits as usize;
         let readings = features.iter().map(|features| Reading::from_logits(&features.logits, num_bits));
-        self.clips.push(SuspectClip { name, readings: readings.collect::<Result<_, _>>()?, cut });
+        let readings = readings.collect::<Result<_, _>>()?;
+        self.clips.push(SuspectClip { name, readings, size_px, cut, content });
+        self.exhibits.push(exhibits);
         for (whole, part) in self.features.iter_mut().zip(&features) {
             whole.extend(part);
         }
@@ -131,6 +153,16 @@ impl SuspectClip {
     /// What it says with the guess of that number undone.
     pub(super) fn reading(&self, guess: usize) -> &Reading {
         &self.readings[guess]
+    }
+
+    /// Width and height of its frames.
+    pub(super) fn size_px(&self) -> (u32, u32) {
+        self.size_px
+    }
+
+    /// Hash of the file, or over those of a folder; none of what is in memory.
+    pub(super) fn content(&self) -> Option<Digest> {
+        self.content
     }
 
     /// The part of its frames that was read, if not all.

@@ -6,7 +6,7 @@ use super::controls::{Unmarked, unrelated_once};
 use super::free_part::FreePart;
 use super::opened::Opened;
 use super::own_clips::own_clips;
-use super::report::{Choices, ClipReading, Undone, VerifyReport};
+use super::report::{BitReading, Choices, ClipReading, Undone, VerifyReport};
 use super::request::{VerifyInputs, VerifyRequest};
 use super::suspect::Suspects;
 use crate::base::observer::{Observer, Unobserved};
@@ -82,6 +82,9 @@ impl VerifyRequest<'_> {
             clips: suspects.clips().iter().map(alone).collect::<Result<_, _>>()?,
             frames: suspects.frames(),
             damage: suspects.damage().to_vec(),
+            bits: BitReading::all(&answer.message(), answer.reading()),
+            promise: opened.receipt().body.promise.clone(),
+            exhibits: suspects.into_exhibits(),
         })
     }
 

@@ -52,9 +52,24 @@ pub fn write_png(path: &Path, frame: &Frame) -> Result<(), EngineError> {
     let file = fs::File::create_new(path)
         .map_err(|error| EngineError::CannotCreate { path: path.to_path_buf(), reason: error.to_string() })?;
     let mut out = std::io::BufWriter::new(file);
-    PngEncoder::new(&mut out)
-        .write_image(frame.rgb(), frame.width(), frame.height(), ExtendedColorType::Rgb8)
-        .map_err(std::io::Error::other)
+    encode(&mut out, frame)
         .and_then(|()| out.flush())
         .map_err(|source| EngineError::Io { path: path.to_path_buf(), source })
+}
+
+/// A frame as a PNG in memory.
+///
+/// # Panics
+/// Never: memory takes any picture.
+#[must_use]
+pub fn png_bytes(frame: &Frame) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    encode(&mut bytes, frame).expect("memory takes any picture");
+    bytes
+}
+
+fn encode(out: impl std::io::Write, frame: &Frame) -> std::io::Result<()> {
+    let encoder = PngEncoder::new(out);
+    let written = encoder.write_image(frame.rgb(), frame.width(), frame.height(), ExtendedColorType::Rgb8);
+    written.map_err(std::io::Error::other)
 }
