@@ -104,8 +104,8 @@ pub(crate) struct VerifyArgs {
     views: EvaluationViews,
     /// Write the verdict as a page for people: one HTML file that needs no other and no network
     ///
-    /// It shows frames of the films, beside the original's if that is given, the bits, the controls, the hashes, and how
-    /// somebody else repeats it. It holds the message and the command as typed: who has the page knows both.
+    /// It shows frames of the films, beside the original's if that is given, the bits, the controls, the hashes, and
+    /// how somebody else repeats it. It holds the message and the command as typed: who has the page knows both.
     #[arg(long, value_name = "FILE", help_heading = "Output")]
     report: Option<PathBuf>,
     #[command(flatten)]

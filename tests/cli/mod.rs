@@ -15,6 +15,7 @@ mod films;
 mod forgery;
 mod ids;
 mod inputs;
+mod interop;
 mod keygen;
 mod liar;
 mod man;

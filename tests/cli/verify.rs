@@ -91,6 +91,35 @@ fn a_moment_is_filmed_as_the_original_is() {
 }
 
 #[test]
+fn a_page_is_written_whole_or_not_at_all() {
+    let Some(gpu) = device() else { return };
+    let (owner, folder) = (delivered(&gpu), scratch());
+    let (preview, page) = (owner.join("out/preview"), folder.path().join("verdict.html"));
+    let run = verify(owner, &preview, &[&"--report", &page, &"--json"]);
+    assert_eq!(run.code, 4, "the verdict is what it is without: {}", run.stderr);
+    let report: serde_json::Value = serde_json::from_str(&run.stdout).expect("JSON on stdout");
+    let text = fs::read_to_string(&page).expect("a page");
+    let hash = |value: &serde_json::Value| value.as_str().expect("a hash").to_owned();
+    let files = [hash(&report["commitment"]), hash(&report["clips"][0]["blake3"])];
+    for needed in ["INCONCLUSIVE", "preview", "guard4d verify", "data:image/png;base64,", "</html>"] {
+        assert!(text.contains(needed), "`{needed}` is missing");
+    }
+    assert!(files.iter().all(|hash| text.contains(hash)), "{files:?}");
+    let bits = report["bits"].as_array().expect("a list");
+    let agree = |bit: &&serde_json::Value| bit["claimed"] == (bit["logit"].as_f64().expect("a number") > 0.0);
+    assert_eq!(bits.len(), 8, "{report}");
+    assert_eq!(report["evidence"]["matches"], bits.iter().filter(agree).count(), "{report}");
+    // What is there stays, unless whoever asks says otherwise; what cannot be read leaves nothing.
+    verify(owner, &preview, &[&"--report", &page]).refused(73, &["verdict.html", "it exists", "--overwrite"]);
+    let again = verify(owner, &preview, &[&"--report", &page, &"--overwrite"]);
+    assert_eq!(again.code, 4, "{}", again.stderr);
+    assert_eq!(fs::read_to_string(&page).expect("a page"), text, "the same verdict gives the same page");
+    let other = folder.path().join("other.html");
+    verify(owner, &folder.path().join("nowhere"), &[&"--report", &other]).refused(66, &["nowhere: not found"]);
+    assert_eq!(super::names(folder.path()), ["verdict.html"], "nothing else is left");
+}
+
+#[test]
 fn clips_that_are_no_clips_are_refused() {
     let Some(gpu) = device() else { return };
     let owner = delivered(&gpu);

@@ -1,4 +1,5 @@
 //! The questions that suspects are asked.
 
+mod exhibit;
 mod opened;
 mod request;

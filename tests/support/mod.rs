@@ -8,6 +8,7 @@ pub(crate) mod fixture;
 pub(crate) mod golden;
 pub(crate) mod gpu;
 pub(crate) mod gradcheck;
+pub(crate) mod interop;
 pub(crate) mod old_receipt;
 pub(crate) mod owner;
 pub(crate) mod poison;

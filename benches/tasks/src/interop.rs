@@ -20,7 +20,7 @@ const TESTS: &str = "::interop::";
 
 /// Installs the programs where they are missing, and runs the tests that use them.
 pub(crate) fn run(workspace: &Workspace, _: &InteropArgs) -> Result<()> {
-    workspace.need(&["compiler", "loader", "driver", "layers", "ffmpeg", "node", "npm", "venv"])?;
+    workspace.need(&["compiler", "loader", "driver", "layers", "ffmpeg", "node", "npm", "venv", "chromium"])?;
     let folder = workspace.path("target/interop");
     let lists = ["package.json", "requirements.txt"].map(|name| workspace.path("tests/interop").join(name));
     let [npm_list, pip_list] = &lists;
@@ -41,6 +41,8 @@ pub(crate) fn run(workspace: &Workspace, _: &InteropArgs) -> Result<()> {
     let mut command = workspace.cargo_test();
     command
         .env("GUARD4D_SPLAT_TRANSFORM", folder.join("node_modules/.bin/splat-transform"))
+        .env("GUARD4D_NODE_MODULES", folder.join("node_modules"))
+        .env("GUARD4D_CHROMIUM", "/usr/bin/chromium")
         .env("GUARD4D_INTEROP_PYTHON", python.join("bin/python"))
         .args(["--", TESTS]);
     let code = tee(&mut command, &log)?;

@@ -72,7 +72,7 @@ fn figure(at: usize, exhibit: &Exhibit, clean: &[Vec<Frame>]) -> Result<Markup, 
         });
     };
     let Nearest { view, frame, picture: original, psnr } = &nearest;
-    let of_original = format!("Frame {frame} of view {view} of the original");
+    let of_original = format!("frame {frame} of view {view} of the original");
     if !nearest.is_same_view() {
         return Ok(html! {
             figure {
@@ -92,21 +92,25 @@ fn figure(at: usize, exhibit: &Exhibit, clean: &[Vec<Frame>]) -> Result<Markup, 
     let identical = psnr.0.is_infinite();
     Ok(html! {
         figure data-compare {
-            div.pair {
-                div { img src=(film) alt=(name); span { "film" } }
-                div.original { img src=(picture(original)?) alt=(of_original); span { "original" } }
-            }
-            div.slide {
-                label for=(slider) { "film to original" }
-                input id=(slider) type="range" min="0" max="100" value="50";
+            div.looks {
+                div {
+                    div.pair {
+                        div { img src=(film) alt=(name); span { "film" } }
+                        div.original { img src=(picture(original)?) alt=(of_original); span { "original" } }
+                    }
+                    div.slide {
+                        label for=(slider) { "film to original" }
+                        input id=(slider) type="range" min="0" max="100" value="50";
+                    }
+                }
+                div.alone {
+                    img src=(differs) alt=(format!("Difference of both, {TIMES} times as large"));
+                    span { "the difference, " (TIMES) " times as large" }
+                }
             }
             figcaption {
-                bdi { (name) } ", and " (of_original) ": "
+                bdi { (name) } "; " (of_original) ": "
                 @if identical { "identical." } @else { (format!("{:.1}", psnr.0)) " dB apart." }
-            }
-            div.alone {
-                img src=(differs) alt=(format!("Difference of both, {TIMES} times as large"));
-                span { "the difference, " (TIMES) " times as large" }
             }
         }
     })

@@ -8,4 +8,5 @@ mod record;
 mod text;
 mod verdict;
 
-pub(crate) use page::{Document, Repeat};
+pub(crate) use page::Document;
+pub(crate) use record::Repeat;

@@ -8,6 +8,7 @@ use guard4d_engine::media::Frame;
 use maud::{DOCTYPE, PreEscaped, html};
 use sha2::{Digest as _, Sha256};
 
+use super::record::Repeat;
 use super::{films, readings, record, verdict};
 
 const STYLE: &str = include_str!("style.css");
@@ -21,14 +22,6 @@ pub(crate) struct Document<'a> {
     pub(crate) clean: &'a [Vec<Frame>],
     /// How it was done.
     pub(crate) repeat: Repeat,
-}
-
-/// How somebody else does it again.
-pub(crate) struct Repeat {
-    /// The command.
-    pub(crate) command: String,
-    /// Name of the device.
-    pub(crate) device: String,
 }
 
 impl Document<'_> {

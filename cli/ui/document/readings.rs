@@ -33,7 +33,7 @@ fn bits(bits: &[BitReading]) -> Markup {
             summary { "All bits as numbers" }
             table {
                 thead {
-                    tr { th scope="col" { "bit" } th scope="col" { "claimed" } th scope="col" { "read" } th scope="col" { "mean logit" } }
+                    tr { @for head in ["bit", "claimed", "read", "mean logit"] { th scope="col" { (head) } } }
                 }
                 tbody {
                     @for (at, reading) in bits.iter().enumerate() {
@@ -60,7 +60,9 @@ fn controls(report: &VerifyReport) -> Markup {
             "them. If one of them is not at chance, the verdict cannot be PRESENT."
         }
         table.controls {
-            thead { tr { th scope="col" { "what was read" } th scope="col" { "bits that agree" } th scope="col" { "of all bits" } } }
+            thead {
+                tr { @for head in ["what was read", "bits that agree", "of all bits"] { th scope="col" { (head) } } }
+            }
             tbody {
                 tr {
                     th scope="row" { "the film" }
@@ -72,7 +74,9 @@ fn controls(report: &VerifyReport) -> Markup {
             }
         }
         ul {
-            @for pool in &panel.pools { li class=[fires(pool.state)] { (pool_in_words(pool)) (state_in_words(pool.state)) } }
+            @for pool in &panel.pools {
+                li class=[fires(pool.state)] { (pool_in_words(pool)) (state_in_words(pool.state)) }
+            }
             (other_keys(ControlKind::OtherMessages, &panel.other_messages))
             (other_keys(ControlKind::OtherReadings, &panel.other_readings))
         }

@@ -7,10 +7,17 @@ use guard4d_engine::release::delivery::EXTRACTOR;
 use guard4d_engine::release::receipt::Tool;
 use maud::{Markup, html};
 
-use super::page::Repeat;
 use super::text::plain;
 use crate::ui::dates::{date_in_words, not_shown, root_in_words};
 use crate::ui::verification::free_part_in_words;
+
+/// How somebody else does it again.
+pub(crate) struct Repeat {
+    /// The command.
+    pub(crate) command: String,
+    /// Name of the device.
+    pub(crate) device: String,
+}
 
 pub(super) fn section(report: &VerifyReport, repeat: &Repeat) -> Markup {
     html! {
@@ -81,14 +88,20 @@ fn again(report: &VerifyReport, repeat: &Repeat) -> Markup {
     let Tool { version, git_revision } = Tool::current();
     html! {
         ol {
-            li { "Get guard4d " (version) @if let Some(revision) = git_revision { ", revision " code { (revision) } } "." }
             li {
-                "Have the owner send what " code { "guard4d disclose" } " writes: the key of this asset, the receipt and "
-                (EXTRACTOR) ". The receipt must have the commitment above."
+                "Get guard4d " (version)
+                @if let Some(revision) = git_revision { ", revision " code { (revision) } }
+                "."
+            }
+            li {
+                "Have the owner send what " code { "guard4d disclose" } " writes: the key of this asset, the receipt "
+                "and " (EXTRACTOR) ". The receipt must have the commitment above."
             }
             li { "Compare the films' hashes with those above." }
             @if !matches!(report.free_part, FreePart { checked: Checked::Refitted { .. }, .. }) {
-                li { "Have the unmarked asset at hand, and add " code { "--original" } ": the free part is then checked." }
+                li {
+                    "Have the unmarked asset at hand, and add " code { "--original" } ": the free part is then checked."
+                }
             }
             li { "Run this, with your own paths:" pre tabindex="0" { (plain(&repeat.command)) } }
         }

@@ -1,7 +1,7 @@
 //! Other people's programs open what is written here. `./x interop` fetches them and runs these tests; elsewhere they
 //! say that they were skipped.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 use guard4d_engine::scene::formats::Export;
@@ -9,23 +9,8 @@ use guard4d_engine::scene::{Model, PlyFile};
 
 use super::super::{assert_same_scene, golden, splats_of};
 use crate::support::close::largest;
+use crate::support::interop::{program, run};
 use crate::support::repo;
-
-/// A program that `./x interop` names in the environment. `None`, with the reason printed, where it does not.
-fn program(variable: &str) -> Option<PathBuf> {
-    let found = std::env::var_os(variable).map(PathBuf::from);
-    if found.is_none() {
-        println!("SKIPPED {variable} is not set; `./x interop` sets it");
-    }
-    found
-}
-
-fn run(command: &mut Command) -> String {
-    let output = command.output().expect("it starts");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{command:?}: {said}");
-    String::from_utf8(output.stdout).expect("text")
-}
 
 #[test]
 fn splat_transform_reads_what_is_written_and_its_files_come_back() {
