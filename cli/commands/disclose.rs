@@ -6,10 +6,10 @@ use clap::Args;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::networks::clip::ClipSource;
 use guard4d_engine::release::disclosure;
-use guard4d_engine::watermark::key::owner_key::Key;
 
 use crate::flags::common::Common;
 use crate::flags::overwrite::Overwrite;
+use crate::flags::passphrase::PassphraseArgs;
 use crate::shared::device;
 use crate::ui::outcome::Outcome;
 use crate::ui::report::note;
@@ -20,6 +20,8 @@ pub(crate) struct DiscloseArgs {
     /// Owner key
     #[arg(long, value_name = "FILE")]
     key: PathBuf,
+    #[command(flatten)]
+    passphrase: PassphraseArgs,
     /// Receipt of the asset; its folder holds the extractor
     #[arg(long, value_name = "FILE")]
     receipt: PathBuf,
@@ -36,7 +38,7 @@ pub(crate) struct DiscloseArgs {
 pub(crate) fn run(args: &DiscloseArgs, common: &Common) -> Result<Outcome, EngineError> {
     let device = device::open(common)?;
     let clip = device::load_clip(&device, &ClipSource::from_argument(&args.clip), common)?;
-    let owner = Key::read(&args.key, &clip)?;
+    let owner = args.passphrase.key(&args.key, &clip)?;
     disclosure::write(&owner, &args.receipt, &args.out, args.overwrite.existing())?;
     let told = "whoever has it can read and remove the mark of this asset, and of no other";
     note(common, &format!("wrote {}; {told}", args.out.display()));

@@ -11,6 +11,7 @@ use guard4d_engine::watermark::key::owner_key::{Key, KeyReport};
 
 use crate::flags::common::Common;
 use crate::flags::overwrite::Overwrite;
+use crate::flags::passphrase::PassphraseArgs;
 use crate::shared::device;
 use crate::ui::outcome::Outcome;
 use crate::ui::report::{note, print, table};
@@ -33,6 +34,8 @@ pub(crate) struct KeygenArgs {
     #[arg(long, value_name = "FILE")]
     secret: Option<PathBuf>,
     #[command(flatten)]
+    passphrase: PassphraseArgs,
+    #[command(flatten)]
     overwrite: Overwrite,
 }
 
@@ -40,11 +43,15 @@ pub(crate) fn run(args: &KeygenArgs, common: &Common) -> Result<Outcome, EngineE
     let existing = args.overwrite.existing();
     // Half a minute of training must not end at a place that cannot be written.
     drop(AtomicFile::create(&args.out, existing)?);
+    let passphrase = args.passphrase.read()?;
     let device = device::open(common)?;
     let clip = ClipModel::load(&device, &ClipSource::from_argument(&args.clip))?;
     let secret = read_secret(args.secret.as_ref())?;
     let (key, report) = Key::generate(&device, &clip, secret, args.bits)?;
-    key.write(&args.out, existing)?;
+    match passphrase {
+        Some(passphrase) => key.write_sealed(&args.out, existing, &passphrase)?,
+        None => key.write(&args.out, existing)?,
+    }
     print(common, &report, human)?;
     let kept = format!("wrote {}; keep it private: whoever has it can write and read your marks", args.out.display());
     note(common, &kept);

@@ -18,11 +18,11 @@ use guard4d_engine::release::receipt::Receipt;
 use guard4d_engine::render::render_frames;
 use guard4d_engine::scene::Model;
 use guard4d_engine::watermark::extractor::pretrained::PretrainedExtractor;
-use guard4d_engine::watermark::key::owner_key::Key;
 
 use crate::flags::common::Common;
 use crate::flags::frames::{FrameArgs, FramingArgs};
 use crate::flags::overwrite::Overwrite;
+use crate::flags::passphrase::PassphraseArgs;
 use crate::flags::trust::TrustArgs;
 use crate::flags::views::EvaluationViews;
 use crate::shared::media::read_some;
@@ -47,6 +47,8 @@ pub(crate) struct VerifyArgs {
     /// Owner key, or the key of the asset that its owner disclosed
     #[arg(long, value_name = "FILE")]
     key: PathBuf,
+    #[command(flatten)]
+    passphrase: PassphraseArgs,
     /// Receipt of the embedding; its folder holds the extractor
     #[arg(long, value_name = "FILE")]
     receipt: PathBuf,
@@ -118,9 +120,10 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
     let page = args.report.as_deref().map(|path| AtomicFile::create(path, args.overwrite.existing())).transpose()?;
     let device = device::open(common)?;
     let clip = device::load_clip(&device, &ClipSource::from_argument(&args.clip), common)?;
-    let key = Receipt::read(&args.receipt)?.body.promise.key_for(&Key::read(&args.key, &clip)?)?;
+    let key = Receipt::read(&args.receipt)?.body.promise.key_for(&args.passphrase.key(&args.key, &clip)?)?;
     let sought = args.message.as_ref().map(|text| Sought::parse(text, &key)).transpose()?;
-    let other_key = |path: &PathBuf| Ok(OtherKey { name: path.display().to_string(), key: Key::read(path, &clip)? });
+    let other_key =
+        |path: &PathBuf| Ok(OtherKey { name: path.display().to_string(), key: args.passphrase.key(path, &clip)? });
     let other_keys = args.other_key.iter().map(other_key).collect::<Result<_, EngineError>>()?;
     let pretrained = args.pretrained.as_deref().map(PretrainedExtractor::read).transpose()?;
     let original = args.original.as_deref().map(Model::open).transpose()?;

@@ -5,6 +5,7 @@ pub(crate) mod device;
 pub(crate) mod film;
 pub(crate) mod frames;
 pub(crate) mod overwrite;
+pub(crate) mod passphrase;
 pub(crate) mod size;
 pub(crate) mod trust;
 pub(crate) mod views;

@@ -41,6 +41,29 @@ fn sixteen_bits_are_all_read_with_the_built_in_checkpoint() {
 }
 
 #[test]
+fn a_key_is_kept_under_a_passphrase() {
+    let Some(gpu) = device() else { return };
+    let folder = scratch();
+    let (folder, clip) = (folder.path(), tiny_clip::write(folder.path(), &tiny_clip::weights()));
+    let secret = put(folder, "secret.hex", hex(SECRET).as_bytes());
+    let (words, key) = (put(folder, "passphrase", b"correct horse\n"), folder.join("owner.key"));
+    let keygen: [&dyn AsRef<std::ffi::OsStr>; 9] =
+        [&"keygen", &"--clip", &clip, &"--bits", &"8", &"--secret", &secret, &"--out", &key];
+    let missing = folder.join("nowhere");
+    guard4d(&[&keygen[..], &[&"--passphrase-file", &missing]].concat()).refused(66, &["nowhere", "a passphrase"]);
+    guard4d(&[&keygen[..], &[&"--passphrase-file", &words]].concat()).done();
+    assert!(fs::read(&key).expect("written").starts_with(b"age-encryption.org/v1"), "encrypted");
+    let embed: [&dyn AsRef<std::ffi::OsStr>; 7] =
+        [&"embed", &folder.join("no-model"), &"--clip", &clip, &"--out", &folder.join("out"), &"--key"];
+    // A key that opens is followed by the next complaint.
+    guard4d(&[&embed[..], &[&key]].concat()).refused(65, &["owner.key: age", "--passphrase-file"]);
+    guard4d(&[&embed[..], &[&key, &"--passphrase-file", &words]].concat()).refused(66, &["no-model"]);
+    let ours = folder.join("ours.key");
+    shared(&gpu).0.write(&ours, Existing::Refuse).expect("writable");
+    guard4d(&[&embed[..], &[&ours, &"--passphrase-file", &words]].concat()).refused(66, &["no-model"]);
+}
+
+#[test]
 fn the_same_secret_gives_the_same_file() {
     let Some(gpu) = device() else { return };
     let folder = scratch();

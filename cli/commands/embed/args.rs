@@ -9,6 +9,7 @@ use guard4d_engine::watermark::embed::EmbedConfig;
 
 use super::job::JobSettings;
 use crate::flags::overwrite::Overwrite;
+use crate::flags::passphrase::PassphraseArgs;
 
 /// What is embedded where, and how.
 #[derive(Args, Debug)]
@@ -31,12 +32,14 @@ pub(crate) struct What {
     /// Owner key
     #[arg(long, required_unless_present = "show_config")]
     pub(crate) key: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) passphrase: PassphraseArgs,
     /// CLIP checkpoint that the key was made with: `mini` or a folder
     #[arg(long, default_value = "mini")]
     pub(crate) clip: String,
     /// hex:…, bits:…, id:12:N, id:16:N, or random: the key's own
     ///
-    /// An id is a number that survives wrong bits. The key's own message is the same in every model.
+    /// An id is a number that survives wrong bits. The key has a message of its own for every model.
     #[arg(long, default_value = "random")]
     pub(crate) message: String,
     /// Folder for the marked model, the private files and a preview

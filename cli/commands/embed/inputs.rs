@@ -44,7 +44,7 @@ impl Inputs {
     ) -> Result<Self, EngineError> {
         let device = device::open(common)?;
         let clip = device::load_clip(&device, &ClipSource::from_argument(&what.clip), common)?;
-        let owner = Key::read(key, &clip)?;
+        let owner = what.passphrase.key(key, &clip)?;
         let bits = u32::try_from(owner.bits()).unwrap_or(u32::MAX);
         let payload = Payload::parse(&what.message, bits)?;
         let Settings { mut config, job } = settings;

@@ -2,4 +2,5 @@
 
 pub(crate) mod decoder;
 pub(crate) mod owner_key;
+mod passphrase;
 mod tokens;

@@ -6,9 +6,10 @@ use zeroize::Zeroizing;
 
 use super::decoder::DecoderWeights;
 use super::owner_key::{Key, Scope, Signer, digest_of, reader_secret, vocabulary};
+use super::passphrase::{Passphrase, opened};
 use super::tokens::TokenTable;
 use crate::base::digest::Digest;
-use crate::base::files::bad_data;
+use crate::base::files::{bad_data, read_file};
 use crate::base::output::{AtomicFile, Existing};
 use crate::base::prf::{MasterSecret, Prf};
 use crate::base::signature::PublicKey;
@@ -37,6 +38,15 @@ impl Key {
     /// [`EngineError::CannotCreate`] or [`EngineError::Io`] naming the file.
     pub fn write(&self, path: &Path, existing: Existing) -> Result<(), EngineError> {
         AtomicFile::write_private(path, existing, &Zeroizing::new(self.file(path)?.to_bytes()?))
+    }
+
+    /// [`Self::write`], encrypted with a passphrase in the age format.
+    ///
+    /// # Errors
+    /// Those of [`Self::write`].
+    pub fn write_sealed(&self, path: &Path, existing: Existing, passphrase: &Passphrase) -> Result<(), EngineError> {
+        let bytes = Zeroizing::new(self.file(path)?.to_bytes()?);
+        AtomicFile::write_private(path, existing, &passphrase.seal(path, &bytes)?)
     }
 
     fn file(&self, path: &Path) -> Result<TensorFile, EngineError> {
@@ -84,7 +94,16 @@ impl Key {
     /// # Errors
     /// [`EngineError::BadData`] naming what does not fit.
     pub fn read(path: &Path, clip: &ClipModel) -> Result<Self, EngineError> {
-        let file = TensorFile::read(path)?;
+        Self::read_sealed(path, clip, None)
+    }
+
+    /// [`Self::read`] of a file that may be under a passphrase.
+    ///
+    /// # Errors
+    /// Those of [`Self::read`]; [`EngineError::BadData`] where the passphrase is missing or another one.
+    pub fn read_sealed(path: &Path, clip: &ClipModel, passphrase: Option<&Passphrase>) -> Result<Self, EngineError> {
+        let bytes = read_file(path, "a safetensors file")?;
+        let file = TensorFile::from_bytes(path, &opened(path, bytes, passphrase)?)?;
         let Secrets { scope, reader } = Secrets::read(&file)?;
         let bits_text = file.text("bits")?;
         let bits: u32 = bits_text.parse().map_err(|_| file.bad("bits", bits_text, "a number"))?;

@@ -5,5 +5,6 @@ pub mod decoder;
 mod decoder_training;
 pub mod key_file;
 pub mod owner_key;
+pub mod passphrase;
 pub mod text_codes;
 pub mod tokens;
