@@ -63,8 +63,10 @@ impl Stand {
     /// Checks what lies in the output folder, and returns the receipt.
     fn written(&self) -> Receipt {
         let wanted = ["clean-frames", "clean.mp4", "marked", "marked-frames", "marked.mp4"];
-        let wanted = [&wanted[..], &["owner.key", "preview", "private"]].concat();
-        assert_eq!(names(&self.out), wanted, "frames, videos, model, key and receipt");
+        let wanted = [&wanted[..], &["owner.key", "preview", "private", "verdict.html"]].concat();
+        assert_eq!(names(&self.out), wanted, "frames, videos, model, key, receipt and page");
+        let page = fs::read_to_string(self.out.join("verdict.html")).expect("a page");
+        assert!(page.contains("marked.mp4") && page.contains("data-compare"), "film and original are compared");
         let read = |name: &str| read_clip(&self.out.join(name), &ReadOptions::default()).expect("a clip");
         for name in ["clean", "marked"] {
             let frames = read(&format!("{name}-frames"));

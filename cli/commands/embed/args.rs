@@ -9,7 +9,7 @@ use guard4d_engine::watermark::embed::EmbedConfig;
 
 use super::job::JobSettings;
 use crate::flags::overwrite::Overwrite;
-use crate::flags::passphrase::PassphraseArgs;
+use crate::flags::passphrase::PASSPHRASE_FILE;
 
 /// What is embedded where, and how.
 #[derive(Args, Debug)]
@@ -29,11 +29,12 @@ pub(crate) struct EmbedArgs {
 #[derive(Args, Debug)]
 #[command(next_help_heading = "What")]
 pub(crate) struct What {
-    /// Owner key
+    /// Owner key; --passphrase-file FILE opens one that is under a passphrase
     #[arg(long, required_unless_present = "show_config")]
     pub(crate) key: Option<PathBuf>,
-    #[command(flatten)]
-    pub(crate) passphrase: PassphraseArgs,
+    /// File whose first line is the passphrase of the key; most keys have none
+    #[arg(long, value_name = "FILE", env = PASSPHRASE_FILE, hide = true)]
+    pub(crate) passphrase_file: Option<PathBuf>,
     /// CLIP checkpoint that the key was made with: `mini` or a folder
     #[arg(long, default_value = "mini")]
     pub(crate) clip: String,

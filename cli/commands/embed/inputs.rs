@@ -18,6 +18,7 @@ use super::args::What;
 use super::job::{Fit, GateSettings};
 use super::settings::Settings;
 use crate::flags::common::Common;
+use crate::flags::passphrase;
 use crate::shared::views::evaluation_cameras;
 use crate::shared::{device, model};
 
@@ -44,7 +45,7 @@ impl Inputs {
     ) -> Result<Self, EngineError> {
         let device = device::open(common)?;
         let clip = device::load_clip(&device, &ClipSource::from_argument(&what.clip), common)?;
-        let owner = what.passphrase.key(key, &clip)?;
+        let owner = passphrase::key(what.passphrase_file.as_deref(), key, &clip)?;
         let bits = u32::try_from(owner.bits()).unwrap_or(u32::MAX);
         let payload = Payload::parse(&what.message, bits)?;
         let Settings { mut config, job } = settings;
