@@ -7,6 +7,7 @@ use guard4d_engine::evidence::judgement::PStatement;
 use guard4d_engine::evidence::negative_controls::PooledResult;
 use guard4d_engine::evidence::other_keys::OtherKeysResult;
 use guard4d_engine::media::framing::Rect;
+use guard4d_engine::picture::known_views::Framings;
 use guard4d_engine::picture::undo_guess::UndoGuess;
 
 use super::dates::{date_in_words, not_shown, root_in_words};
@@ -37,6 +38,7 @@ pub(crate) fn human(report: &VerifyReport) -> String {
         rows.extend(report.clips.iter().map(|clip| ("clip", clip_in_words(clip, e.num_bits))));
     }
     rows.extend(report.clips.iter().filter_map(cut_row));
+    rows.extend(report.clips.iter().filter_map(framed_row));
     for control in &e.panel.supplied {
         rows.push((
             "control",
@@ -82,10 +84,30 @@ pub(super) fn free_part_in_words(part: &FreePart) -> String {
 
 /// What was chosen by hand.
 pub(super) fn choices_row(choices: &Choices) -> Row {
-    let Choices { claims, films, start, every, max_frames, crop, picture_size_px } = choices;
+    let Choices {
+        claims,
+        films,
+        models,
+        vouches_for_clip,
+        gives_directions,
+        start,
+        every,
+        max_frames,
+        crop,
+        picture_size_px,
+    } = choices;
     let mut words = Vec::new();
     if *films > 1 {
         words.push(format!("{films} films, read as one"));
+    }
+    if *models > 0 {
+        words.push("the cameras that film a model".to_owned());
+    }
+    if *vouches_for_clip {
+        words.push("the CLIP checkpoint, by its hash".to_owned());
+    }
+    if *gives_directions {
+        words.push("the directions of the pretrained extractor".to_owned());
     }
     if *start > 0 || *every > 1 {
         words.push(format!("one of {every} frames from frame {start} on"));
@@ -165,6 +187,18 @@ pub(super) fn undone_in_words(undone: &Undone) -> String {
 fn cut_row(clip: &ClipReading) -> Option<Row> {
     let Rect { x, y, width, height } = clip.cut?;
     Some(("cut to", format!("{width} x {height} px at ({x}, {y}): {}", clip.name)))
+}
+
+/// How a film was framed, unless it was in no special way.
+pub(super) fn framed_row(clip: &ClipReading) -> Option<Row> {
+    let Framings { cut, usual, not_found } = &clip.framings;
+    if *cut == 0 && not_found.is_empty() {
+        return None;
+    }
+    let mut words = vec![format!("{cut} frames as training was")];
+    words.extend((*usual > 0).then(|| format!("{usual} already were")));
+    words.extend(not_found.iter().map(|(why, frames)| format!("{frames} shown whole: {why}")));
+    Some(("framed", format!("{}: {}", words.join("; "), clip.name)))
 }
 
 fn yes_or_no(answer: bool) -> &'static str {

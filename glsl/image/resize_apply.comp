@@ -1,6 +1,7 @@
 #version 460
 // image/resize_apply: a banded matrix along one axis; a separable resize or, with the transposed table, its adjoint.
-//   in   x [planes, from, inner, 4]   table [to, 1 + taps4, 4]: first source index, then weights, 0 = no tap
+//   in   x [planes, from, inner, 4]   table [tables, to, 1 + taps4, 4]: first source index, then weights, 0 = no tap;
+//        one table for as many planes one after the other as planes_per_table says
 //        plus like y, added with ADD; clamped like y: with GATE the result is 0 where it lies outside of [0, 1]
 //   out  y [planes, to, inner, 4] (=); fourth channel 0
 //   twin kernels/src/reference/image/resize.rs   one invocation per output pixel; groups: x = to * inner, yz = planes
@@ -9,7 +10,7 @@ layout(local_size_x = 64) in;
 #include "lib/clamp01.glsl"
 layout(constant_id = 0) const uint ADD = 0;
 layout(constant_id = 1) const uint GATE = 0;
-layout(push_constant) uniform Params { int planes, from, to, inner, taps4; } p;
+layout(push_constant) uniform Params { int planes, from, to, inner, taps4, planes_per_table; } p;
 TEXELS_F32(0, x);
 TEXELS_F32(1, table);
 TEXELS_F32(2, plus);
@@ -20,7 +21,7 @@ void main() {
     int plane = int(gl_WorkGroupID.y + gl_WorkGroupID.z * gl_NumWorkGroups.y);
     int j = int(gl_GlobalInvocationID.x);
     if (j >= p.to * p.inner || plane >= p.planes) return;
-    int row = j / p.inner * (1 + p.taps4);
+    int row = (plane / p.planes_per_table * p.to + j / p.inner) * (1 + p.taps4);
     int base = plane * p.from * p.inner + j % p.inner;
     int source = int(texel_load(table, row).x);
     vec3 sum = vec3(0.0);

@@ -22,7 +22,7 @@ use guard4d_engine::watermark::embed::{EmbedConfig, Profile};
 use guard4d_engine::watermark::extractor::calibration::Calibration;
 use guard4d_engine::watermark::extractor::reader::{self, Reader};
 use guard4d_engine::watermark::extractor::rotation::KeyRotation;
-use guard4d_engine::watermark::extractor::weights::{ExtractorWeights, PREPROCESS};
+use guard4d_engine::watermark::extractor::weights::ExtractorWeights;
 use guard4d_engine::watermark::key::owner_key::Key;
 use serde_json::Value;
 use tempfile::TempDir;
@@ -30,7 +30,7 @@ use tempfile::TempDir;
 use super::{Run, guard4d, put, scratch};
 use crate::release::receipt::body;
 use crate::support::gpu::{Gpu, device};
-use crate::support::owner::{key_file, key_file_of, key_of, sealed};
+use crate::support::owner::{demo_content, key_file, key_file_of, key_of, sealed};
 use crate::support::random::Random;
 
 /// Shortest messages that a control can contradict: 16 of 16 matches are 1.5e-5 by chance.
@@ -151,10 +151,11 @@ pub(super) fn promise(key: &Key, message: &Message, extractor: &ExtractorWeights
         extractor_mode: extractor.mode,
         extractor: Some(extractor.digest(key).expect("shapes fit")),
         clip: key.clip,
-        preprocess: PREPROCESS.to_owned(),
+        preprocess: extractor.preprocess(),
         thresholds: Thresholds::for_bits(key.bits()),
         anchor: key.asset().map(|asset| Anchor {
             asset,
+            scene: demo_content(),
             reader: reader::digest(key, extractor).expect("shapes fit"),
             signer: key.public_key(),
         }),
@@ -188,6 +189,7 @@ pub(super) fn rig(
             mean_logits: vec![0.0; key.bits()],
         },
         key_rotation: KeyRotation::FIXED,
+        known_views: None,
     };
     let logits = Reader::new(gpu, clip, key, &extractor).and_then(|mut r| r.logits(frames)).expect("reads");
     for (bit, (zero, wanted)) in extractor.calibration.mean_logits.iter_mut().zip(message.bits()).enumerate() {
@@ -254,6 +256,35 @@ fn an_unrelated_clip_is_quiet_unless_it_says_the_message() {
     let twice: [&dyn AsRef<OsStr>; 4] = [&"--unrelated", &plain, &"--unrelated", &plain];
     let panel = &rigged.verify(0, &twice)["evidence"]["panel"];
     assert_eq!(panel["pools"][0]["num_readings"], 7, "the program's own six, and one film however often: {panel}");
+}
+
+/// Whoever tried the film with others has to say so, and the report says it on.
+#[test]
+fn claims_multiply_the_p_value_and_what_was_chosen_by_hand_is_printed() {
+    let Some(gpu) = device() else { return };
+    let rigged = Rigged::get(&gpu);
+    let p = |report: &Value| report["evidence"]["p_value"]["soft_score"].as_f64().expect("a p-value");
+    let one = rigged.verify(0, &[]);
+    let ten = rigged.verify(0, &[&"--claims", &"10"]);
+    let tolerance = 1e-12;
+    assert!((p(&ten) / p(&one) / 10.0 - 1.0).abs() < tolerance, "{} of one, {} of ten", p(&one), p(&ten));
+    assert_eq!(ten["choices"]["claims"], 10, "{}", ten["choices"]);
+    // 16 bits can do no better than 1.5e-5, and 100 of these miss 1e-3.
+    let many = rigged.verify(4, &[&"--claims", &"100"]);
+    assert_eq!(many["evidence"]["verdict"], "inconclusive");
+    let more: [&dyn AsRef<OsStr>; 8] = [&"--claims", &"3", &"--start", &"1", &"--every", &"2", &"--max-frames", &"3"];
+    let run = rigged.verify_with(&rigged.file("owner.key"), &more);
+    let words = ["one of 2 frames from frame 1 on", "at most 3 frames of each film", "counted as one of 3 claims"];
+    for words in words {
+        assert!(run.stdout.contains(words), "`{words}` is not in:\n{}", run.stdout);
+    }
+    let region: [&dyn AsRef<OsStr>; 4] = [&"--crop", &"0,0,60,62", &"--picture-size", &"64x64"];
+    let run = rigged.verify_with(&rigged.file("owner.key"), &region);
+    for words in ["the part of 60 x 62 px at (0, 0)", "pictures brought to 64 x 64 px"] {
+        assert!(run.stdout.contains(words), "`{words}` is not in:\n{}", run.stdout);
+    }
+    let run = rigged.verify_film(&rigged.file("marked"), &rigged.file("owner.key"), &views());
+    assert!(run.stdout.contains("the cameras that film a model"), "{}", run.stdout);
 }
 
 #[test]

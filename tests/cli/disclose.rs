@@ -18,6 +18,11 @@ fn a_third_party_verifies_one_asset_without_the_owners_secret() {
     let args: [&dyn AsRef<OsStr>; 7] = [&"disclose", &"--key", &owner, &"--receipt", &receipt, &"--out", &out];
     guard4d(&args).done();
     assert_eq!(names(&out), ["asset.key", "extractor.safetensors", "receipt.json"], "what was handed over");
+    #[cfg(unix)]
+    {
+        let mode = std::os::unix::fs::PermissionsExt::mode(&fs::metadata(&out).expect("written").permissions());
+        assert_eq!(mode & 0o777, 0o700, "what the secret of an asset lies in");
+    }
     let key = out.join("asset.key");
     let (film, theirs) = (rigged.file("suspect"), out.join("receipt.json"));
     let verify: [&dyn AsRef<OsStr>; 7] = [&"verify", &film, &"--key", &key, &"--receipt", &theirs, &"--json"];

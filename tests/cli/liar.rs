@@ -100,7 +100,7 @@ fn not_present(run: &Run, words: &[&str]) {
 }
 
 #[test]
-fn an_honest_owner_is_heard_and_unmarked_films_are_not_present() {
+fn unmarked_films_are_not_present_through_an_honest_extractor() {
     let Some(gpu) = device() else { return };
     let liar = Liar::get(&gpu);
     let receipt = liar.sealed("honest", &liar.owner.key, &liar.honest);
@@ -223,6 +223,44 @@ fn rotations_that_were_tried_and_not_counted_are_refused() {
     let original: [&dyn AsRef<OsStr>; 2] = [&"--original", &liar.owner.scene.path()];
     verify(&liar.file("film"), &liar.file("owner.key"), &receipt, &[&original[..], &views()[..]].concat())
         .refused(65, &["extractor.safetensors: calibration.directions", "away from what the original gives"]);
+}
+
+/// Another background or motion makes another extractor follow from the same splats.
+#[test]
+fn an_original_with_another_background_or_motion_is_not_the_receipts() {
+    let Some(gpu) = device() else { return };
+    let liar = Liar::get(&gpu);
+    let receipt = liar.sealed("original", &liar.owner.key, &liar.honest);
+    let copied = |name: &str| {
+        let copy = liar.file(name);
+        let files = [
+            "cfg_args",
+            "point_cloud/iteration_20000/point_cloud.ply",
+            "point_cloud/iteration_20000/deformation.pth",
+            "point_cloud/iteration_20000/deformation_accum.pth",
+            "point_cloud/iteration_20000/deformation_table.pth",
+        ];
+        for file in files {
+            let to = copy.join(file);
+            fs::create_dir_all(to.parent().expect("in a folder")).expect("writable");
+            fs::copy(liar.owner.scene.path().join(file), to).expect("a file of the scene");
+        }
+        copy
+    };
+    let refused = |original: &Path| {
+        let original: [&dyn AsRef<OsStr>; 2] = [&"--original", &original];
+        verify(&liar.file("film"), &liar.file("owner.key"), &receipt, &[&original[..], &views()[..]].concat())
+            .refused(65, &["receipt.json: scene", "the hash of the original given"]);
+    };
+    let changes =
+        [("background", "white_background=True", "white_background=False"), ("motion", "no_dr=False", "no_dr=True")];
+    for (name, from, to) in changes {
+        let copy = copied(name);
+        let settings = fs::read_to_string(copy.join("cfg_args")).expect("text");
+        assert!(settings.contains(from), "{settings}");
+        fs::write(copy.join("cfg_args"), settings.replace(from, to)).expect("writable");
+        refused(&copy);
+    }
 }
 
 #[test]

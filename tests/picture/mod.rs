@@ -2,5 +2,7 @@
 
 mod colour_difference;
 mod distortion;
+mod foreground;
+mod known_views;
 mod metrics;
 mod undo_guess;

@@ -58,8 +58,13 @@ fn reader(gpu: &Gpu, owner: &Owner) -> Reader {
         directions: Random(31).vec_f32(width * bits, -1.0, 1.0),
         mean_logits: vec![0.0; bits],
     };
-    let extractor =
-        ExtractorWeights { mode: ExtractorMode::Blind, tmsd: None, calibration, key_rotation: KeyRotation::FIXED };
+    let extractor = ExtractorWeights {
+        mode: ExtractorMode::Blind,
+        tmsd: None,
+        calibration,
+        key_rotation: KeyRotation::FIXED,
+        known_views: None,
+    };
     Reader::new(gpu, &owner.clip, &owner.key, &extractor).expect("belongs to the key")
 }
 
@@ -84,7 +89,7 @@ fn distance(a: &ClipFeatures, b: &ClipFeatures) -> f64 {
 /// How far from `original` CLIP sees `edited`, as it is and without what was done.
 fn distances(reader: &mut Reader, original: &Frame, edited: &Frame, done: UndoGuess) -> [f64; 2] {
     let mut look = |frame: &Frame, edits: &[UndoGuess]| {
-        let mut feature_stream = reader.stream(edits);
+        let mut feature_stream = reader.stream(edits, Vec::new());
         feature_stream.push(frame.clone()).expect("sees");
         feature_stream.finish().expect("sees")
     };

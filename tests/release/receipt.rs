@@ -42,6 +42,7 @@ pub(crate) fn body() -> ReceiptBody {
             thresholds: Thresholds::default(),
             anchor: Some(Anchor {
                 asset: Digest::of(b"asset"),
+                scene: Digest::of(b"scene"),
                 reader: Digest::of(b"reader"),
                 signer: signer().public_key(),
             }),

@@ -99,6 +99,15 @@ impl Owner {
     }
 }
 
+/// Hash of all that a picture of the built-in scene depends on.
+pub(crate) fn demo_content() -> Digest {
+    static CONTENT: OnceLock<Digest> = OnceLock::new();
+    *CONTENT.get_or_init(|| {
+        let scene = DemoScene::unpack().expect("the scene unpacks");
+        Model::open(scene.path()).expect("the scene opens").content()
+    })
+}
+
 /// Two frames from one side.
 pub(crate) fn cameras() -> CameraSet {
     let size = FrameSize::new(SIDE_PX, SIDE_PX).expect("a size");

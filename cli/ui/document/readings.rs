@@ -57,7 +57,8 @@ fn controls(report: &VerifyReport) -> Markup {
     html! {
         p {
             "None of these may find the message. The grey band is what chance keeps to; the film itself stands above "
-            "them. If one of them is not at chance, the verdict cannot be PRESENT."
+            "them. If one of them is not at chance, the verdict cannot be PRESENT. Arithmetic checks are at chance "
+            "whatever the extractor is: they would show a mistake in the program, and nothing about an owner."
         }
         table.controls {
             thead {
@@ -93,6 +94,7 @@ fn control_row(control: &ControlResult) -> Markup {
     html! {
         tr {
             th scope="row" class=[fires(deviation.state)] {
+                @if control.kind == ControlKind::InvertedMessage { "arithmetic check, " }
                 (control.kind) ": " bdi { (plain(&control.name)) } (state_in_words(deviation.state))
             }
             td { (deviation.matches) " of " (deviation.num_bits) }
@@ -103,7 +105,9 @@ fn control_row(control: &ControlResult) -> Markup {
 
 fn other_keys(kind: ControlKind, result: &OtherKeysResult) -> Markup {
     html! {
-        li class=[fires(result.state)] { (kind) ": " (other_keys_in_words(result)) (state_in_words(result.state)) }
+        li class=[fires(result.state)] {
+            "arithmetic check, " (kind) ": " (other_keys_in_words(result)) (state_in_words(result.state))
+        }
     }
 }
 

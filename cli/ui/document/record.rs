@@ -69,6 +69,8 @@ fn rests_on(report: &VerifyReport) -> Markup {
                 dd { code { (anchor.signer) } }
                 dt { "unmarked asset" }
                 dd { code { (anchor.asset) } }
+                dt { "with motion and background" }
+                dd { code { (anchor.scene) } }
                 dt { "all that reads" }
                 dd { code { (anchor.reader) } }
             }

@@ -9,7 +9,7 @@ use maud::{Markup, PreEscaped, html};
 
 use super::chart::Rarity;
 use super::text::{once_in, plain};
-use crate::ui::verification::{choices_row, id_rows, p_in_words, undone_in_words};
+use crate::ui::verification::{choices_row, framed_row, id_rows, p_in_words, undone_in_words};
 
 /// The verdict as a word.
 pub(super) const fn word(verdict: Verdict) -> &'static str {
@@ -124,6 +124,7 @@ fn asked(report: &VerifyReport) -> Markup {
             dd { (report.evidence.mode) ", " (in_words(report.evidence.mode)) }
             @for row in report.id.iter().flat_map(id_rows) { dt { (row.0) } dd { (row.1) } }
             @if let Some(undone) = &report.undone { dt { "undone" } dd { (undone_in_words(undone)) } }
+            @for row in report.clips.iter().filter_map(framed_row) { dt { (row.0) } dd { (plain(&row.1)) } }
             dt { "chosen by hand" }
             dd { (choices) }
         }

@@ -45,6 +45,15 @@ impl AtomicDir {
         Ok(Self { partial })
     }
 
+    /// The same for secrets: where the system knows owners of files, nobody else can look into it.
+    ///
+    /// # Errors
+    /// Those of [`AtomicDir::create`].
+    pub fn create_private(target: &Path, existing: Existing) -> Result<Self, EngineError> {
+        let (partial, ()) = Partial::create(target, existing, |path| private_dir().create(path))?;
+        Ok(Self { partial })
+    }
+
     /// The partial folder, to be filled.
     #[must_use]
     pub fn path(&self) -> &Path {
@@ -217,13 +226,17 @@ impl Drop for Partial {
 /// # Errors
 /// [`EngineError::CannotCreate`] if the place is not writable.
 pub fn create_private_dir(path: &Path) -> Result<(), EngineError> {
+    private_dir()
+        .recursive(true)
+        .create(path)
+        .map_err(|error| EngineError::CannotCreate { path: path.to_path_buf(), reason: error.to_string() })
+}
+
+fn private_dir() -> fs::DirBuilder {
     let mut builder = fs::DirBuilder::new();
-    builder.recursive(true);
     #[cfg(unix)]
     std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
     builder
-        .create(path)
-        .map_err(|error| EngineError::CannotCreate { path: path.to_path_buf(), reason: error.to_string() })
 }
 
 fn create_private_file(path: &Path) -> std::io::Result<File> {

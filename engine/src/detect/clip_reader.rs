@@ -3,12 +3,14 @@
 use std::path::Path;
 
 use guard4d_kernels::Device;
+use guard4d_kernels::image::resize::ImageSize;
 
 use super::exhibit::{Album, Exhibit};
 use crate::base::observer::{Observer, Progress};
 use crate::error::EngineError;
 use crate::media::framing::{Framing, Rect};
 use crate::media::{Frame, FrameSource, Integrity, ReadOptions};
+use crate::picture::known_views::{Framings, Part, settle};
 use crate::picture::undo_guess::UndoGuess;
 use crate::render::SceneRenderer;
 use crate::scene::{CameraSet, Model};
@@ -29,6 +31,8 @@ pub(super) struct SeenClip {
     pub(super) name: String,
     /// With each guess undone; at least one.
     pub(super) features: Vec<ClipFeatures>,
+    /// How its frames were cut.
+    pub(super) framings: Framings,
     /// Width and height of its frames.
     pub(super) size_px: (u32, u32),
     pub(super) integrity: Integrity,
@@ -83,7 +87,9 @@ impl<'a> ClipReader<'a> {
     fn video(&mut self, path: &Path, framing: Framing, guesses: &[UndoGuess]) -> Result<SeenClip, EngineError> {
         let source = FrameSource::open(path, &ReadOptions { framing, ..self.options.clone() })?;
         let (name, total) = (path.display().to_string(), source.expected_frames());
-        let (mut stream, mut album) = (self.reader.stream(guesses), Album::new());
+        let parts = self.parts(&source, &name, total)?;
+        let framings = Framings::of(&parts);
+        let (mut stream, mut album) = (self.reader.stream(guesses, parts), Album::new());
         let mut done = 0;
         let ending = source.for_each(&mut |frame| {
             album.look(&frame);
@@ -94,12 +100,25 @@ impl<'a> ClipReader<'a> {
         let features = stream.finish()?;
         Ok(SeenClip {
             features,
+            framings,
             size_px: ending.size_px,
             integrity: ending.integrity,
             cut: source.cut(),
             exhibits: album.close(&name),
             name,
         })
+    }
+
+    /// What of each frame is shown. Where that depends on the frames around it, a video is decoded once more for it.
+    fn parts(&mut self, source: &FrameSource, name: &str, total: Option<u64>) -> Result<Vec<Part>, EngineError> {
+        let Some(views) = self.reader.known_views() else { return Ok(Vec::new()) };
+        let (stage, mut alone) = (format!("{name}: framing"), Vec::new());
+        let ending = source.for_each(&mut |frame| {
+            alone.push(views.part(&frame));
+            self.observer.observe(Progress { stage: &stage, done: alone.len() as u64, total })
+        })?;
+        let (width, height) = ending.size_px;
+        Ok(settle(&alone, ImageSize { height: height as usize, width: width as usize }))
     }
 
     /// Frames in memory.
@@ -114,7 +133,9 @@ impl<'a> ClipReader<'a> {
         guesses: &[UndoGuess],
     ) -> Result<SeenClip, EngineError> {
         let first = frames.first().ok_or_else(|| no_frame(name))?;
-        let (mut stream, mut album) = (self.reader.stream(guesses), Album::new());
+        let parts = self.reader.parts(frames);
+        let framings = self.reader.known_views().map(|_| Framings::of(&parts)).unwrap_or_default();
+        let (mut stream, mut album) = (self.reader.stream(guesses, parts), Album::new());
         for (done, frame) in (1..).zip(frames) {
             album.look(frame);
             stream.push(frame.clone())?;
@@ -123,6 +144,7 @@ impl<'a> ClipReader<'a> {
         Ok(SeenClip {
             name: name.to_owned(),
             features: stream.finish()?,
+            framings,
             size_px: (first.width(), first.height()),
             integrity: Integrity::Intact,
             cut: None,

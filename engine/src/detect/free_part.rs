@@ -57,9 +57,12 @@ impl FreePart {
         let checked = match (extractor.mode, request.original, &receipt.body.promise.anchor) {
             (ExtractorMode::Joint, ..) => Checked::Trained,
             (_, Some(original), Some(anchor)) => {
-                if original.digest() != anchor.asset {
-                    let expected = format!("{}, the hash of the original given", original.digest());
-                    return Err(bad_data(request.receipt, "asset", anchor.asset, expected));
+                let hashes = [("asset", anchor.asset, original.digest()), ("scene", anchor.scene, original.content())];
+                for (field, promised, given) in hashes {
+                    if promised != given {
+                        let expected = format!("{given}, the hash of the original given");
+                        return Err(bad_data(request.receipt, field, promised, expected));
+                    }
                 }
                 Checked::Refitted { deviation: compare(request, receipt, extractor, original)? }
             }
@@ -89,12 +92,13 @@ fn compare(
     let subject = Subject { device, clip, key, model: original, message: &message };
     let fitted = refit(subject, &config, extractor.key_rotation)?;
     let deviation = extractor.deviation(&fitted);
-    let Deviation { colour_map, mean_image, directions, mean_logits } = deviation;
+    let Deviation { colour_map, mean_image, directions, mean_logits, known_views } = deviation;
     let parts = [
         ("tmsd.colour_map", colour_map),
         ("calibration.mean_image", mean_image),
         ("calibration.directions", directions),
         ("calibration.mean_logits", mean_logits),
+        ("known_views", known_views),
     ];
     // A NaN is further than any bound.
     match parts.into_iter().find(|(_, apart)| apart.is_nan() || *apart > TOLERANCE) {

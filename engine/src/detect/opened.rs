@@ -13,7 +13,7 @@ use crate::evidence::thresholds::Thresholds;
 use crate::release::receipt::{Anchor, Receipt};
 use crate::watermark::extractor::pretrained::PretrainedExtractor;
 use crate::watermark::extractor::reader;
-use crate::watermark::extractor::weights::{ExtractorWeights, PREPROCESS};
+use crate::watermark::extractor::weights::ExtractorWeights;
 use crate::watermark::key::owner_key::Key;
 
 /// What was fixed when the mark was written.
@@ -37,6 +37,10 @@ impl Opened {
         check_rule(&receipt, path, key)?;
         let promised = Promised::find(sought, &receipt, path, key)?;
         let extractor = read_extractor(&receipt, &request.extractor_path(), key, pretrained)?;
+        let (promise, given) = (&receipt.body.promise, extractor.preprocess());
+        if promise.preprocess != given {
+            return Err(bad_data(path, "preprocess", &promise.preprocess, given));
+        }
         let mut objections = Vec::new();
         match &receipt.body.promise.anchor {
             Some(anchor) => {
@@ -104,7 +108,8 @@ fn check_key(receipt: &Receipt, path: &Path, key: &Key) -> Result<(), EngineErro
 
 /// Refuses a receipt of another reader, asset or signer than those at hand.
 fn check_anchor(anchor: &Anchor, path: &Path, key: &Key, extractor: &ExtractorWeights) -> Result<(), EngineError> {
-    let Anchor { asset, reader, signer } = anchor;
+    // The scene is compared where the original is given.
+    let Anchor { asset, scene: _, reader, signer } = anchor;
     if key.asset() != Some(*asset) {
         return Err(bad_data(path, "asset", asset, "the asset that the key is for"));
     }
@@ -118,17 +123,13 @@ fn check_anchor(anchor: &Anchor, path: &Path, key: &Key, extractor: &ExtractorWe
     Ok(())
 }
 
-/// Refuses a receipt that asks for less than this program does, or for frames that are seen otherwise. Whoever seals a
-/// receipt could write any rule into it.
+/// Refuses a receipt that asks for less than this program does. Whoever seals a receipt could write any rule into it.
 fn check_rule(receipt: &Receipt, path: &Path, key: &Key) -> Result<(), EngineError> {
     let promise = &receipt.body.promise;
     let rule = Thresholds::for_bits(key.bits());
     if !promise.thresholds.is_as_strict_as(&rule) {
         let expected = format!("a rule at least as strict as {rule:?}");
         return Err(bad_data(path, "thresholds", format!("{:?}", promise.thresholds), expected));
-    }
-    if promise.preprocess != PREPROCESS {
-        return Err(bad_data(path, "preprocess", &promise.preprocess, PREPROCESS));
     }
     Ok(())
 }

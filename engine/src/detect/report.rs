@@ -6,8 +6,8 @@ use serde::Serialize;
 
 use super::exhibit::Exhibit;
 use super::free_part::FreePart;
-use super::request::VerifyInputs;
-use super::suspect::SuspectClip;
+use super::request::{VerifyInputs, VerifyRequest};
+use super::suspect::{Suspect, SuspectClip};
 use crate::base::digest::Digest;
 use crate::base::prf::Prf;
 use crate::error::EngineError;
@@ -17,6 +17,7 @@ use crate::evidence::message::Message;
 use crate::evidence::reading::Reading;
 use crate::media::ReadOptions;
 use crate::media::framing::{Crop, Rect};
+use crate::picture::known_views::Framings;
 use crate::picture::undo_guess::UndoGuess;
 use crate::release::dating::standing::Standing;
 use crate::release::receipt::{Promise, Schema};
@@ -88,8 +89,14 @@ impl BitReading {
 pub struct Choices {
     /// Receipts, keys, owners, films and readings that this one was chosen from, as whoever verifies says.
     pub claims: u32,
-    /// Suspect films that are read as one.
+    /// Suspect films and models that are read as one.
     pub films: usize,
+    /// Those among them that are models, filmed by cameras that whoever verifies chose.
+    pub models: usize,
+    /// Whether whoever verifies vouches for a CLIP checkpoint that is not the program's own.
+    pub vouches_for_clip: bool,
+    /// Whether whoever verifies gave the directions of a pretrained extractor.
+    pub gives_directions: bool,
     /// First frame read.
     pub start: u32,
     /// One of so many frames is read.
@@ -103,14 +110,17 @@ pub struct Choices {
 }
 
 impl Choices {
-    pub(super) fn of(claims: NonZeroU32, inputs: &VerifyInputs, options: &ReadOptions) -> Self {
+    pub(super) fn of(request: &VerifyRequest<'_>, inputs: &VerifyInputs, options: &ReadOptions) -> Self {
         let crop = match options.framing.crop {
             Crop::Region(rect) => Some(rect),
             Crop::Whole | Crop::Auto => None,
         };
         Self {
-            claims: claims.get(),
+            claims: request.claims.get(),
             films: inputs.suspects.len(),
+            models: inputs.suspects.iter().filter(|suspect| matches!(suspect, Suspect::Model { .. })).count(),
+            vouches_for_clip: request.trusted_clip.is_some(),
+            gives_directions: request.pretrained.is_some(),
             start: options.start,
             every: options.every.get(),
             max_frames: options.max_frames.map(NonZeroU32::get),
@@ -169,6 +179,8 @@ pub struct ClipReading {
     pub size_px: (u32, u32),
     /// The part of its frames that was read, if not all.
     pub cut: Option<Rect>,
+    /// How frames were cut before CLIP saw them.
+    pub framings: Framings,
     /// BLAKE3 of the file, or over those of a folder's files in hexadecimal; none of what was rendered.
     pub blake3: Option<Digest>,
 }
@@ -198,6 +210,7 @@ impl ClipReading {
             frames: reading.num_frames(),
             size_px: clip.size_px(),
             cut: clip.cut(),
+            framings: clip.framings().clone(),
             blake3: clip.content(),
         })
     }

@@ -10,6 +10,7 @@ use crate::error::EngineError;
 use crate::evidence::reading::Reading;
 use crate::media::framing::Rect;
 use crate::media::{Frame, Integrity};
+use crate::picture::known_views::Framings;
 use crate::picture::undo_guess::UndoGuess;
 use crate::scene::{CameraSet, Model};
 use crate::watermark::extractor::reader::ClipFeatures;
@@ -56,6 +57,7 @@ pub(super) struct SuspectClip {
     name: String,
     /// After each guess is undone.
     readings: Vec<Reading>,
+    framings: Framings,
     size_px: (u32, u32),
     cut: Option<Rect>,
     content: Option<Digest>,
@@ -126,7 +128,7 @@ impl Suspects {
     }
 
     fn add(&mut self, clip: SeenClip, num_bits: u32, content: Option<Digest>) -> Result<(), EngineError> {
-        let SeenClip { name, features, size_px, integrity, cut, exhibits } = clip;
+        let SeenClip { name, features, framings, size_px, integrity, cut, exhibits } = clip;
         let (width, height) = size_px;
         if let Integrity::Damaged { messages } = integrity {
             self.damage.push(format!("{name}: {messages}"));
@@ -135,7 +137,7 @@ impl Suspects {
         self.frames += features[0].logits.len() / num_bits as usize;
         let readings = features.iter().map(|features| Reading::from_logits(&features.logits, num_bits));
         let readings = readings.collect::<Result<_, _>>()?;
-        self.clips.push(SuspectClip { name, readings, size_px, cut, content });
+        self.clips.push(SuspectClip { name, readings, framings, size_px, cut, content });
         self.exhibits.push(exhibits);
         for (whole, part) in self.features.iter_mut().zip(&features) {
             whole.extend(part);
@@ -153,6 +155,11 @@ impl SuspectClip {
     /// What it says with the guess of that number undone.
     pub(super) fn reading(&self, guess: usize) -> &Reading {
         &self.readings[guess]
+    }
+
+    /// How its frames were cut.
+    pub(super) fn framings(&self) -> &Framings {
+        &self.framings
     }
 
     /// Width and height of its frames.

@@ -74,7 +74,7 @@ impl VerifyRequest<'_> {
             commitment: opened.commitment(),
             schema: opened.receipt().schema,
             free_part,
-            choices: Choices::of(self.claims, inputs, options),
+            choices: Choices::of(self, inputs, options),
             standing,
             key_rotation: extractor.key_rotation,
             undone: (tried > 1).then(|| Undone { guess: guesses[answer.guess()], tried }),

@@ -100,9 +100,10 @@ pub struct Evidence {
 
 /// Judges a claim by a rule fixed beforehand.
 ///
-/// "Present" needs a p-value (for a `joint` extractor: the empirical bound) at most `fpr`, enough frames of enough
-/// size, no objection, and silent negative controls. "Absent" needs frames that could have shown a mark and a
-/// p-value above `absent_above`. Everything else is inconclusive.
+/// "Present" needs a p-value at most `fpr`, enough frames of enough size, no objection, and silent negative controls.
+/// "Absent" needs frames that could have shown a mark and a p-value above `absent_above`. Everything else is
+/// inconclusive, and so is whatever a `joint` extractor finds: films without a mark bound how often it says the
+/// message by mistake, but who trained it could have trained it to say the message of one film alone.
 ///
 /// # Errors
 /// [`EngineError::Usage`] for inconsistent lengths or thresholds.
@@ -185,7 +186,8 @@ fn decide(
     reasons
         .extend(panel.firing().into_iter().map(|Firing { what, name }| Reason::ControlFires { control: what, name }));
     let verdict = if p <= fpr {
-        let verdict = if reasons.is_empty() { Verdict::Present } else { Verdict::Inconclusive };
+        let proves = reasons.is_empty() && claim.mode.is_message_blind();
+        let verdict = if proves { Verdict::Present } else { Verdict::Inconclusive };
         reasons.insert(0, Reason::Passes { p_value: p, fpr });
         verdict
     } else if could_show && p > rule.absent_above {

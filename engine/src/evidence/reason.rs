@@ -51,8 +51,8 @@ impl fmt::Display for Reason {
                 f.write_str("read the message; --trust-clip names it if somebody else published it")
             }
             Self::EmpiricalOnly { num_clips } => {
-                f.write_str("the extractor was trained with the message: no exact p-value, ")?;
-                write!(f, "only a bound from {num_clips} unrelated clips")
+                f.write_str("the extractor was trained with the message, and can say it by itself: ")?;
+                write!(f, "no p-value, only a bound from {num_clips} films without a mark, which is not enough")
             }
         }
     }

@@ -2,5 +2,7 @@
 
 pub mod colour_difference;
 pub mod distortion;
+pub mod foreground;
+pub mod known_views;
 pub mod metrics;
 pub mod undo_guess;

@@ -22,7 +22,6 @@ use crate::networks::lpips::Lpips;
 use crate::scene::CameraSet;
 use crate::watermark::embed::{EmbedConfig, Embedded, Subject};
 use crate::watermark::extractor::reader;
-use crate::watermark::extractor::weights::PREPROCESS;
 use crate::watermark::key::owner_key::Key;
 
 /// Folder of the marked model.
@@ -143,10 +142,11 @@ fn promise(delivery: &Delivery<'_>) -> Result<Promise, EngineError> {
         extractor_mode: extractor.mode,
         extractor: Some(extractor.digest(key)?),
         clip: key.clip,
-        preprocess: PREPROCESS.to_owned(),
+        preprocess: extractor.preprocess(),
         thresholds: Thresholds::for_bits(key.bits()),
         anchor: Some(Anchor {
             asset: model.digest(),
+            scene: model.content(),
             reader: reader::digest(key, extractor)?,
             signer: key.public_key(),
         }),

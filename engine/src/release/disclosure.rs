@@ -40,7 +40,7 @@ pub fn write(owner: &Key, receipt: &Path, out: &Path, existing: Existing) -> Res
     if promise.extractor != Some(digest) {
         return Err(bad_data(&path, "hash", digest, "the one that the receipt commits to"));
     }
-    let folder = AtomicDir::create(out, existing)?;
+    let folder = AtomicDir::create_private(out, existing)?;
     key.write(&folder.path().join(ASSET_KEY), Existing::Refuse)?;
     let hand_over = |from: &Path, to: &Path| {
         let bytes = read_file(from, "a file to hand over")?;

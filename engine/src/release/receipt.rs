@@ -114,6 +114,9 @@ pub struct Promise {
 pub struct Anchor {
     /// Hash of the unmarked asset, from which the key of the asset follows.
     pub asset: Digest,
+    /// Hash of all that a picture of the unmarked asset depends on: splats, motion and background. What is fitted to
+    /// the asset follows from these.
+    pub scene: Digest,
     /// Hash over everything that turns frames into logits; see [`crate::watermark::extractor::reader::digest`].
     pub reader: Digest,
     /// Whose signature the receipt has.

@@ -17,6 +17,39 @@ pub struct ImageSize {
     pub width: usize,
 }
 
+/// A rectangle of a picture, in pixels from the picture's upper left corner; it may reach beyond the picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Region {
+    /// Left edge.
+    pub x: f64,
+    /// Upper edge.
+    pub y: f64,
+    /// From the left to the right edge; positive.
+    pub width: f64,
+    /// From the upper to the lower edge; positive.
+    pub height: f64,
+}
+
+impl Region {
+    /// All of a picture.
+    #[must_use]
+    pub fn whole(size: ImageSize) -> Self {
+        Self { x: 0.0, y: 0.0, width: size.width as f64, height: size.height as f64 }
+    }
+
+    fn is_sound(self) -> bool {
+        let Self { x, y, width, height } = self;
+        [x, y, width, height].iter().all(|v| v.is_finite()) && width > 0.0 && height > 0.0
+    }
+}
+
+/// A part of an axis.
+#[derive(Clone, Copy)]
+struct Span {
+    first: f64,
+    length: f64,
+}
+
 /// Weights of one output entry over consecutive inputs.
 struct Window {
     first: usize,
@@ -24,12 +57,13 @@ struct Window {
 }
 
 /// The windows of `ATen`'s antialiased bilinear kernel with `align_corners=True`: scale
-/// (in−1)/(out−1), centre scale·(i+½), a triangle as wide as the scale, clipped and renormalised.
-fn windows(from: usize, to: usize) -> Vec<Window> {
-    let scale = if to > 1 { (from - 1) as f64 / (to - 1) as f64 } else { 0.0 };
+/// (in−1)/(out−1), centre scale·(i+½), a triangle as wide as the scale, clipped and renormalised. `in` is the length of
+/// `span`, which begins elsewhere than at 0. What looks at nothing but the outside sees the outermost pixel.
+fn windows(from: usize, to: usize, span: Span) -> Vec<Window> {
+    let scale = if to > 1 { (span.length - 1.0).max(0.0) / (to - 1) as f64 } else { 0.0 };
     let support = scale.max(1.0);
     let window = |i: usize| {
-        let center = scale * (i as f64 + 0.5);
+        let center = span.first + scale * (i as f64 + 0.5);
         let first = (center - support + 0.5).max(0.0).floor();
         let end = (center + support + 0.5).floor().min(from as f64);
         let mut weights = Vec::new();
@@ -39,6 +73,10 @@ fn windows(from: usize, to: usize) -> Vec<Window> {
             at += 1.0;
         }
         let total: f64 = weights.iter().sum();
+        // Weights are shares of at least a few thousandths, or nothing.
+        if weights.is_empty() || total <= 0.0 {
+            return Window { first: if center < 0.0 { 0 } else { from - 1 }, weights: vec![1.0] };
+        }
         weights.iter_mut().for_each(|w| *w /= total);
         Window { first: index(first), weights }
     };
@@ -66,24 +104,26 @@ fn transposed(windows: &[Window], from: usize) -> Vec<Window> {
     columns
 }
 
-/// Windows on the device: per output a texel with the first index, then the weights.
+/// Windows on the device: per output a texel with the first index, then the weights. One table after the other.
 #[derive(Debug)]
 struct Table {
     rows: Buffer<f32>,
     taps4: usize,
+    tables: usize,
 }
 
 impl Table {
     #[allow(clippy::cast_possible_truncation, reason = "weights are stored as f32; indices are below 2^24")]
-    fn new(device: &Device, name: &str, windows: &[Window]) -> Result<Self, KernelError> {
-        let taps4 = windows.iter().map(|w| w.weights.len().div_ceil(4)).max().unwrap_or(0).max(1);
-        let mut rows = Vec::with_capacity(windows.len() * (1 + taps4) * 4);
-        for window in windows {
+    fn new(device: &Device, name: &str, tables: &[Vec<Window>]) -> Result<Self, KernelError> {
+        let windows = || tables.iter().flatten();
+        let taps4 = windows().map(|w| w.weights.len().div_ceil(4)).max().unwrap_or(0).max(1);
+        let mut rows = Vec::with_capacity(windows().count() * (1 + taps4) * 4);
+        for window in windows() {
             rows.extend([window.first as f32, 0.0, 0.0, 0.0]);
             rows.extend(window.weights.iter().map(|w| *w as f32));
             rows.resize(rows.len() + taps4 * 4 - window.weights.len(), 0.0);
         }
-        Ok(Self { rows: device.buffer_from(name, &rows)?, taps4 })
+        Ok(Self { rows: device.buffer_from(name, &rows)?, taps4, tables: tables.len() })
     }
 }
 
@@ -95,14 +135,11 @@ struct Axis {
 }
 
 impl Axis {
-    fn new(device: &Device, from: usize, to: usize) -> Result<Self, KernelError> {
-        Self::of(device, from, &windows(from, to))
-    }
-
-    fn of(device: &Device, from: usize, windows: &[Window]) -> Result<Self, KernelError> {
+    fn of(device: &Device, from: usize, windows: &[Vec<Window>]) -> Result<Self, KernelError> {
+        let transposed: Vec<_> = windows.iter().map(|windows| transposed(windows, from)).collect();
         Ok(Self {
             forward: Table::new(device, "resize.forward", windows)?,
-            backward: Table::new(device, "resize.backward", &transposed(windows, from))?,
+            backward: Table::new(device, "resize.backward", &transposed)?,
         })
     }
 }
@@ -162,7 +199,7 @@ impl ResizePlan {
             let expected = "a pixel, and a positive sigma".to_owned();
             return Err(KernelError::Shape { kernel: KERNEL, buffer: "blur", got, expected });
         }
-        let axis = |n| Axis::of(device, n, &gaussian(n, blur.sigma, blur.radius));
+        let axis = |n| Axis::of(device, n, &[gaussian(n, blur.sigma, blur.radius)]);
         Ok(Self { from: size, to: size, vertical: axis(size.height)?, horizontal: axis(size.width)? })
     }
 
@@ -171,17 +208,32 @@ impl ResizePlan {
     /// # Errors
     /// [`KernelError::Shape`] for an empty image; when memory runs out.
     pub fn new(device: &Device, from: ImageSize, to: ImageSize) -> Result<Self, KernelError> {
+        Self::regions(device, from, to, &[Region::whole(from)])
+    }
+
+    /// A part of each frame brought to a size: one region for every frame of the clips, or one for all.
+    ///
+    /// # Errors
+    /// [`KernelError::Shape`] for an empty image, no region, or one that is not finite and positive; when memory runs
+    /// out.
+    pub fn regions(device: &Device, from: ImageSize, to: ImageSize, regions: &[Region]) -> Result<Self, KernelError> {
         for (buffer, size) in [("from", from), ("to", to)] {
             if size.height == 0 || size.width == 0 {
                 let got = format!("{} x {}", size.height, size.width);
                 return Err(KernelError::Shape { kernel: KERNEL, buffer, got, expected: "a pixel".to_owned() });
             }
         }
+        if regions.is_empty() || !regions.iter().all(|region| region.is_sound()) {
+            let (got, expected) = (format!("{regions:?}"), "finite regions of positive sides".to_owned());
+            return Err(KernelError::Shape { kernel: KERNEL, buffer: "regions", got, expected });
+        }
+        let rows = |r: &Region| windows(from.height, to.height, Span { first: r.y, length: r.height });
+        let columns = |r: &Region| windows(from.width, to.width, Span { first: r.x, length: r.width });
         Ok(Self {
             from,
             to,
-            vertical: Axis::new(device, from.height, to.height)?,
-            horizontal: Axis::new(device, from.width, to.width)?,
+            vertical: Axis::of(device, from.height, &regions.iter().map(rows).collect::<Vec<_>>())?,
+            horizontal: Axis::of(device, from.width, &regions.iter().map(columns).collect::<Vec<_>>())?,
         })
     }
 
@@ -195,6 +247,11 @@ impl ResizePlan {
 
     fn check(&self, frames: usize, buffers: [(&'static str, &Buffer<f32>); 3]) -> Result<(), KernelError> {
         let [(large_name, large), (small_name, small), (scratch_name, scratch)] = buffers;
+        let tables = self.vertical.forward.tables;
+        if tables != 1 && tables != frames {
+            let expected = format!("{tables}, one for each region");
+            return Err(KernelError::Shape { kernel: KERNEL, buffer: "frames", got: frames.to_string(), expected });
+        }
         expect_len(KERNEL, large_name, large, frames * self.from.height * self.from.width * CHANNELS)?;
         expect_len(KERNEL, small_name, small, frames * self.to.height * self.to.width * CHANNELS)?;
         expect_len(KERNEL, scratch_name, scratch, frames * self.to.height * self.from.width * CHANNELS)
@@ -233,6 +290,8 @@ fn apply(
         to: dim_signed(pass.to),
         inner: dim_signed(pass.inner),
         taps4: dim_signed(table.taps4),
+        // An empty clip has no plane, and no invocation that would divide by this.
+        planes_per_table: dim_signed((pass.planes / table.tables).max(1)),
     };
     let grid = frames_grid(pass.to * pass.inner, pass.planes, resize_apply::KERNEL.local_size[0]);
     let Onward { plus, clamped } = pass.onward;

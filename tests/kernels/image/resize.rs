@@ -1,7 +1,7 @@
 //! image/resize: twin against differences and PyTorch, GPU against the twin, adjoint, extremes.
 
 use guard4d_kernels::KernelError;
-use guard4d_kernels::image::resize::{Blur, ImageSize, Onward, ResizePlan, backward, forward};
+use guard4d_kernels::image::resize::{Blur, ImageSize, Onward, Region, ResizePlan, backward, forward};
 use guard4d_kernels::reference::image::{gate, resize as twin};
 
 use super::{dot, run, unwritten, upload};
@@ -137,6 +137,56 @@ fn a_blur_follows_the_twin_keeps_grey_and_is_adjoint() {
     }
     let refused = ResizePlan::blur(&gpu, size([4, 4]), Blur { sigma: f64::NAN, radius: 1 });
     assert!(matches!(refused, Err(KernelError::Shape { buffer: "blur", .. })), "{refused:?}");
+}
+
+#[test]
+fn a_region_for_each_frame_follows_the_twin_reaches_beyond_the_picture_and_is_adjoint() {
+    let Some(gpu) = device() else { return };
+    let (from, to) = ([12, 17], [5, 6]);
+    // A part, more than all, a part enlarged, nothing but the outside, and all of it.
+    let regions = [
+        Region { x: 3.2, y: 1.5, width: 8.0, height: 7.3 },
+        Region { x: -5.5, y: -3.0, width: 30.0, height: 20.0 },
+        Region { x: 4.0, y: 5.0, width: 2.5, height: 0.5 },
+        Region { x: -40.0, y: 30.0, width: 10.0, height: 10.0 },
+        Region::whole(size(from)),
+    ];
+    let plan = ResizePlan::regions(&gpu, size(from), size(to), &regions).expect("plan");
+    let frames = regions.len();
+    let (large, small) = (from[0] * from[1] * 4, to[0] * to[1] * 4);
+    let mut random = Random(9);
+    let x = random.vec_f32(frames * large, 0.0, 1.0);
+    let v_y = random.vec_f32(frames * small, -1.0, 1.0);
+    let mut scratch = plan.scratch(&gpu, frames).expect("scratch");
+    let (mut y, mut v_x) = (unwritten(&gpu, v_y.len()), unwritten(&gpu, x.len()));
+    let (x_there, v_y_there) = (upload(&gpu, &x), upload(&gpu, &v_y));
+    run(&gpu, |rec| {
+        forward(rec, &plan, &x_there, &mut y, &mut scratch)?;
+        backward(rec, &plan, &v_y_there, &mut v_x, Onward::default(), &mut scratch)
+    });
+    let (y, v_x) = (y.read().expect("read"), v_x.read().expect("read"));
+    for (f, region) in regions.iter().enumerate() {
+        let rows = twin::part_matrix::<f32>(from[0], to[0], [region.y, region.height]);
+        let columns = twin::part_matrix::<f32>(from[1], to[1], [region.x, region.width]);
+        let want = twin::filter(&x[f * large..][..large], from, to, &rows, &columns);
+        // Two passes of short sums against one; rounding only.
+        assert_close(&y[f * small..][..small], &want, 2e-6, 1e-6);
+    }
+    let whole = twin::forward(&x[4 * large..], from, to);
+    assert_close(&y[4 * small..], &whole, 2e-6, 1e-6);
+    let product = |a: &[f32], b: &[f32]| -> f64 {
+        a.iter().zip(b).enumerate().filter(|(i, _)| i % 4 < 3).map(|(_, (a, b))| f64::from(a * b)).sum()
+    };
+    // Sums of a few hundred products of numbers up to 1, each off by 1e-6.
+    assert!((product(&y, &v_y) - product(&x, &v_x)).abs() < 1e-4, "not adjoint");
+    for bad in [vec![], vec![Region { width: 0.0, ..regions[0] }], vec![Region { x: f64::NAN, ..regions[0] }]] {
+        let refused = ResizePlan::regions(&gpu, size(from), size(to), &bad);
+        assert!(matches!(refused, Err(KernelError::Shape { buffer: "regions", .. })), "{refused:?}");
+    }
+    let mut rec = gpu.recorder().expect("recorder");
+    let (one, mut small_one) = (upload(&gpu, &x[..large]), unwritten(&gpu, small));
+    let refused = forward(&mut rec, &plan, &one, &mut small_one, &mut scratch);
+    assert!(matches!(refused, Err(KernelError::Shape { .. })), "one frame for five regions: {refused:?}");
 }
 
 #[test]

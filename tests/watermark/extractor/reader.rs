@@ -26,6 +26,7 @@ fn frames_are_seen_alike_whether_they_come_together_or_one_by_one() {
             mean_logits: vec![0.0; owner.key.bits()],
         },
         key_rotation: KeyRotation::FIXED,
+        known_views: None,
     };
     let mut reader = Reader::new(&gpu, &owner.clip, &owner.key, &extractor).expect("belongs to the key");
     let frame = |t: u32, side: u32| {
@@ -36,7 +37,7 @@ fn frames_are_seen_alike_whether_they_come_together_or_one_by_one() {
     for count in [1, 8, 11] {
         let together = reader.look(&frames[..count]).expect("sees");
         assert_eq!(together.logits.len(), count * owner.key.bits(), "{count} frames");
-        let mut feature_stream = reader.stream(&[UndoGuess::NONE]);
+        let mut feature_stream = reader.stream(&[UndoGuess::NONE], Vec::new());
         for frame in &frames[..count] {
             feature_stream.push(frame.clone()).expect("sees");
         }
@@ -44,10 +45,10 @@ fn frames_are_seen_alike_whether_they_come_together_or_one_by_one() {
         assert!(feature_stream.finish().expect("sees")[0] == together, "{count} frames");
     }
     assert!(
-        reader.stream(&[UndoGuess::NONE]).finish().expect("nothing to see")[0] == ClipFeatures::default(),
+        reader.stream(&[UndoGuess::NONE], Vec::new()).finish().expect("nothing to see")[0] == ClipFeatures::default(),
         "no frame"
     );
-    let mut feature_stream = reader.stream(&[UndoGuess::NONE]);
+    let mut feature_stream = reader.stream(&[UndoGuess::NONE], Vec::new());
     let pushed: Result<Vec<()>, _> = (0..7).map(|t| feature_stream.push(frame(t, 24))).collect();
     assert_eq!(pushed.expect("of one size").len(), 7, "frames");
     let error = feature_stream.push(frame(7, 32)).expect_err("another size");

@@ -19,6 +19,11 @@ impl Resizer {
         Ok(Self { scratch: plan.scratch(device, frames)?, plan })
     }
 
+    /// Goes on with another plan between the same sizes.
+    pub(crate) fn replace(&mut self, plan: ResizePlan) {
+        self.plan = plan;
+    }
+
     /// Resizes a clip.
     ///
     /// # Errors

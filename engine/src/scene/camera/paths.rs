@@ -9,6 +9,9 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use super::cameras::{Camera, CameraSet, FrameSize, View, invert_rigid};
 use crate::error::EngineError;
 
+/// Its multiples never come back to the same place of a circle, and leave no large gap.
+const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
+
 /// Field of view and image size of made cameras.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
@@ -71,7 +74,8 @@ pub struct Band {
 }
 
 impl Band {
-    /// Draws `views` cameras, uniform in azimuth, radius and area of the sphere.
+    /// Draws `views` cameras, uniform in azimuth and radius. Elevations fill their range evenly, as multiples of the
+    /// golden ratio fill a circle: areas are small near the poles, from which films are taken all the same.
     ///
     /// # Errors
     /// [`EngineError::Usage`] for no views, an empty range, a radius that is not positive, or an impossible angle.
@@ -85,11 +89,12 @@ impl Band {
             let unit = f64::from(rng.next_u32()) / f64::from(u32::MAX);
             low + (high - low) * unit
         };
-        let height = |elevation_deg: &f64| elevation_deg.to_radians().sin();
-        Ok(named("random", views, |_| {
+        let first = between(0.0, 1.0);
+        Ok(named("random", views, |index| {
             let azimuth_deg = between(*self.azimuth_deg.start(), *self.azimuth_deg.end());
             let (low, high) = (self.elevation_deg.start(), self.elevation_deg.end());
-            let elevation_deg = between(height(low), height(high)).asin().to_degrees();
+            let share = (first + f64::from(index) * GOLDEN_RATIO).fract();
+            let elevation_deg = low + (high - low) * share;
             let radius = between(*self.radius.start(), *self.radius.end());
             self.look_from([azimuth_deg, elevation_deg], radius)
         }))

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use guard4d_kernels::Device;
 
 use super::buffers::TrainingBuffers;
-use super::config::{EmbedConfig, Extractor};
+use super::config::{EmbedConfig, Extractor, FramingChoice};
 use super::draw::draw;
 use super::extractor_loss::ExtractorLoss;
 use super::fidelity_hold::FidelityHold;
@@ -69,6 +69,14 @@ impl<'a> Embedding<'a> {
     /// As [`Embedding::prepare`]; [`EngineError::Usage`] for a frozen extractor of another mode than the settings'.
     pub fn prepare_with(subject: Subject<'a>, config: EmbedConfig, start: Start<'_>) -> Result<Self, EngineError> {
         config.validate()?;
+        // An extractor that is given has been fitted to frames that are cut in its own way.
+        let config = match start {
+            Start::Frozen(given) => config.with(|config| {
+                let is_framed = given.known_views.is_some();
+                config.views.framing = if is_framed { FramingChoice::Known } else { FramingChoice::Whole };
+            }),
+            _ => config,
+        };
         let clips = ClipPool::draw(subject.device, subject.model, &subject.key.prf(), &config)?;
         Self::prepare_on(subject, config, start, clips)
     }

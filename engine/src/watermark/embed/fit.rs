@@ -72,7 +72,13 @@ pub(super) fn extractor(context: &mut FitContext<'_>, clip: &ClipModel, key: &Ke
         }
     };
     let unmarked = unmarked_features(context, &mut features)?;
-    let mut weights = ExtractorWeights { mode: config.mode(), tmsd, calibration, key_rotation: KeyRotation::FIXED };
+    let mut weights = ExtractorWeights {
+        mode: config.mode(),
+        tmsd,
+        calibration,
+        key_rotation: KeyRotation::FIXED,
+        known_views: context.pool.known_views(),
+    };
     context.pool.with_room(|| set_zero(device, key, &mut weights.calibration, &unmarked))?;
     Ok(Fitted { weights, unmarked })
 }

@@ -11,6 +11,7 @@ mod estimate;
 mod extractor_loss;
 mod fidelity_hold;
 mod fit;
+mod framed_views;
 mod held_out;
 mod offsets;
 mod perception;
@@ -30,8 +31,8 @@ mod visibility;
 
 pub use config::{
     AdaptiveSchedule, Aim, BlindConfig, CalibrationConfig, ColourConfig, Control, ControlClips, EmbedConfig, Extractor,
-    Fidelity, JointConfig, LpipsTerm, NoneConfig, Objective, Optimiser, Phase, PretrainedConfig, Profile,
-    TrainingViews, Weights, WeightsFile,
+    Fidelity, FramingChoice, JointConfig, LpipsTerm, NoneConfig, Objective, Optimiser, Phase, PretrainedConfig,
+    Profile, TrainingViews, Weights, WeightsFile,
 };
 pub use embedding::Embedding;
 pub use estimate::Estimate;

@@ -11,10 +11,12 @@ use rand_chacha::rand_core::Rng;
 use super::buffers::TrainingBuffers;
 use super::clips::{ClipBuilder, Draws, shots};
 use super::config::EmbedConfig;
+use super::framed_views;
 use super::training_clip::TrainingClip;
 use crate::base::prf::{Prf, Purpose};
 use crate::error::EngineError;
 use crate::networks::lpips::LpipsFeatures;
+use crate::picture::known_views::KnownViews;
 use crate::scene::{Camera, Model};
 
 /// All clips of an embedding by number: first those that steps are taken on, then those that none is taken on.
@@ -24,6 +26,8 @@ pub(super) struct ClipPool {
     num_training: usize,
     /// How many of these steps are taken on for now.
     in_use: usize,
+    /// What films are framed by.
+    known_views: Option<Arc<KnownViews>>,
     builder: ClipBuilder,
     kept: Kept,
     made: usize,
@@ -74,9 +78,15 @@ impl ClipPool {
             let draws = Draws { clips: config.held_out_clips(), seed: rng.next_u64() };
             drawn.extend(shots(config, model, draws, true, &mut rng)?);
         }
+        let known_views = framed_views::frame(device, model, config, &drawn)?;
         let builder = ClipBuilder::new(device, model, config)?;
         let in_use = (config.in_phase(0).views.clips as usize).min(num_training);
-        Ok(Self { shots: drawn, num_training, in_use, builder, kept: Kept::default(), made: 0 })
+        Ok(Self { shots: drawn, num_training, in_use, known_views, builder, kept: Kept::default(), made: 0 })
+    }
+
+    /// What films are framed by, if they are.
+    pub(super) fn known_views(&self) -> Option<Arc<KnownViews>> {
+        self.known_views.clone()
     }
 
     /// Takes as many training clips into use, at most all. Those that are there are not made again.

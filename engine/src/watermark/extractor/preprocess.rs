@@ -1,6 +1,6 @@
 //! Brings 8-bit frames to the size that CLIP sees, and undoes what may have been done to them on the way.
 
-use guard4d_kernels::image::resize::{ImageSize, ResizePlan};
+use guard4d_kernels::image::resize::{ImageSize, Region, ResizePlan};
 use guard4d_kernels::image::{CHANNELS, colour_map, quantize, warp};
 use guard4d_kernels::shape::ClipShape;
 use guard4d_kernels::{Buffer, Device, Recorder};
@@ -8,13 +8,13 @@ use guard4d_kernels::{Buffer, Device, Recorder};
 use crate::error::EngineError;
 use crate::media::Frame;
 use crate::picture::distortion::Resizer;
+use crate::picture::foreground::border_colour;
+use crate::picture::known_views::Part;
 use crate::picture::undo_guess::UndoGuess;
 
 /// Sides of the pictures on which guesses are undone, at most, in sides of CLIP's: more than CLIP will see, so that
 /// sampling twice blurs nothing of it, and as little for a video of any size.
 const WORKING_SIDES: usize = 4;
-/// Pixels along the border that tell what colour lies beyond it.
-const BORDER_PX: usize = 2;
 
 /// Frames of one clip on their way to CLIP, as many at once as the extractor sees together.
 #[derive(Debug)]
@@ -25,7 +25,9 @@ pub struct Preprocessor {
     seen: ClipShape,
     /// Frames as they are `[F,H,W,4]`.
     full: Buffer<f32>,
-    whole: Resizer,
+    /// What of each is shown.
+    regions: Vec<Region>,
+    cut: Resizer,
     /// Colour of the border of the first frame.
     border: [f32; 3],
     /// For guesses; made with the first.
@@ -42,9 +44,10 @@ impl Preprocessor {
         let plan = ResizePlan::new(device, size, size_of(seen))?;
         Ok(Self {
             device: device.clone(),
-            whole: Resizer::new(device, seen.frames, plan)?,
+            regions: vec![Region::whole(size)],
+            cut: Resizer::new(device, seen.frames, plan)?,
             full: device.buffer("preprocessor.full", seen.frames * size.height * size.width * CHANNELS)?,
-            border: border_of(first),
+            border: border_colour(first).map(|level| f32::from(level) / 255.0),
             undoing: None,
             size,
             seen,
@@ -74,17 +77,42 @@ impl Preprocessor {
         Ok(())
     }
 
+    /// Shows these parts of the frames from now on, of one that is not told of the last.
+    ///
+    /// # Errors
+    /// When memory runs out.
+    pub fn cut(&mut self, parts: &[Part]) -> Result<(), EngineError> {
+        let all = Region::whole(self.size);
+        let region = |i: usize| parts.get(i).or(parts.last()).map_or(all, |part| part.region(self.size));
+        let mut regions: Vec<Region> = (0..self.seen.frames).map(region).collect();
+        if regions.iter().all(|region| *region == all) {
+            regions.truncate(1);
+        }
+        if regions != self.regions {
+            self.regions = regions;
+            self.cut.replace(ResizePlan::regions(&self.device, self.size, size_of(self.seen), &self.regions)?);
+            if let Some(undoing) = &mut self.undoing {
+                undoing.cut(&self.device, self.size, &self.regions)?;
+            }
+        }
+        Ok(())
+    }
+
     /// The clip as CLIP sees it with `guess` undone, in `resized` `[F,S,S,4]`.
     ///
     /// # Errors
     /// When the device fails.
     pub fn show(&mut self, rec: &mut Recorder, guess: UndoGuess, resized: &mut Buffer<f32>) -> Result<(), EngineError> {
         if guess == UndoGuess::NONE {
-            return Ok(self.whole.forward(rec, &self.full, resized)?);
+            return Ok(self.cut.forward(rec, &self.full, resized)?);
         }
         let undoing = match &mut self.undoing {
             Some(undoing) => undoing,
-            None => self.undoing.insert(Undoing::new(&self.device, self.size, self.seen)?),
+            None => {
+                let mut undoing = Undoing::new(&self.device, self.size, self.seen)?;
+                undoing.cut(&self.device, self.size, &self.regions)?;
+                self.undoing.insert(undoing)
+            }
         };
         undoing.show(rec, guess, &self.full, self.border, resized)
     }
@@ -123,6 +151,13 @@ impl Undoing {
         })
     }
 
+    /// Undoes guesses on these regions of frames of this size.
+    fn cut(&mut self, device: &Device, size: ImageSize, regions: &[Region]) -> Result<(), EngineError> {
+        self.is_current = false;
+        self.shrink.replace(ResizePlan::regions(device, size, size_of(self.clip), regions)?);
+        Ok(())
+    }
+
     fn show(
         &mut self,
         rec: &mut Recorder,
@@ -146,19 +181,4 @@ impl Undoing {
 
 fn size_of(clip: ClipShape) -> ImageSize {
     ImageSize { height: clip.height, width: clip.width }
-}
-
-/// Median of each channel along the border, in \[0, 1\]: what continues there is more likely its commonest colour than
-/// a mean of thing and background.
-fn border_of(frame: &Frame) -> [f32; 3] {
-    let (width, height) = (frame.width() as usize, frame.height() as usize);
-    let is_near = |at: usize, side: usize| at < BORDER_PX || side - at <= BORDER_PX;
-    let pixels = frame.rgb().chunks_exact(3).enumerate();
-    let along: Vec<&[u8]> =
-        pixels.filter(|(i, _)| is_near(i % width, width) || is_near(i / width, height)).map(|(_, rgb)| rgb).collect();
-    std::array::from_fn(|channel| {
-        let mut levels: Vec<u8> = along.iter().map(|rgb| rgb[channel]).collect();
-        let middle = levels.len() / 2;
-        f32::from(*levels.select_nth_unstable(middle).1) / 255.0
-    })
 }

@@ -1,15 +1,19 @@
 //! Reading clips: 8-bit frames in, features and logits out.
 
+use std::sync::Arc;
+
+use guard4d_kernels::image::resize::ImageSize;
 use guard4d_kernels::{Buffer, Device};
 
 use super::calibration::Calibration;
 use super::features::{FeatureExtractor, NORMALIZATION};
 use super::preprocess::Preprocessor;
-use super::weights::{CLIP_FRAMES, ExtractorWeights, PREPROCESS};
+use super::weights::{CLIP_FRAMES, ExtractorWeights};
 use crate::base::digest::Digest;
 use crate::error::EngineError;
 use crate::media::Frame;
 use crate::networks::clip::{ClipModel, TowerPurpose};
+use crate::picture::known_views::{KnownViews, Part, settle};
 use crate::picture::undo_guess::UndoGuess;
 use crate::watermark::key::decoder::{Decoder, DecoderPass};
 use crate::watermark::key::owner_key::{Key, digest_of};
@@ -66,7 +70,7 @@ pub fn digest(key: &Key, weights: &ExtractorWeights) -> Result<Digest, EngineErr
     let mut file = weights.file(key);
     key.store_reading(&mut file);
     let mut note = |name: &str, text: String| file.meta.insert(name.to_owned(), text);
-    note("preprocess", PREPROCESS.to_owned());
+    note("preprocess", weights.preprocess());
     note("frames", CLIP_FRAMES.to_string());
     note("normalization", format!("{:?} {:?}", NORMALIZATION.mean, NORMALIZATION.std));
     Ok(Digest::of(&file.to_bytes()?))
@@ -81,6 +85,7 @@ pub struct Reader {
     pass: DecoderPass,
     resized: Buffer<f32>,
     bits: usize,
+    known_views: Option<Arc<KnownViews>>,
 }
 
 impl Reader {
@@ -105,6 +110,7 @@ impl Reader {
             features,
             decoder,
             bits: key.bits(),
+            known_views: weights.known_views.clone(),
         })
     }
 
@@ -131,19 +137,38 @@ impl Reader {
         };
         let mut preprocessor = Preprocessor::new(&self.device, first, self.features.shape())?;
         let mut clip_features = ClipFeatures::default();
-        for chunk in frames.chunks(CLIP_FRAMES) {
+        let parts = self.parts(frames);
+        for (number, chunk) in frames.chunks(CLIP_FRAMES).enumerate() {
             preprocessor.load(chunk)?;
+            preprocessor.cut(&parts[number * CLIP_FRAMES..][..chunk.len()])?;
             self.see(&mut preprocessor, chunk.len(), UndoGuess::NONE, &mut clip_features)?;
         }
         Ok(clip_features)
     }
 
-    /// Looks at frames that come one after the other, of which it holds no more than [`CLIP_FRAMES`], as often as there
-    /// are guesses of what was done to them, each time with that guess undone.
+    /// What films are framed by before they are read; none where frames are shown whole.
     #[must_use]
-    pub fn stream(&mut self, guesses: &[UndoGuess]) -> FeatureStream<'_> {
+    pub fn known_views(&self) -> Option<Arc<KnownViews>> {
+        self.known_views.clone()
+    }
+
+    /// What of each of these frames is shown: they are of one film and one size.
+    #[must_use]
+    pub fn parts(&self, frames: &[Frame]) -> Vec<Part> {
+        let (Some(views), Some(first)) = (&self.known_views, frames.first()) else {
+            return vec![Part::All; frames.len()];
+        };
+        let size = ImageSize { height: first.height() as usize, width: first.width() as usize };
+        settle(&frames.iter().map(|frame| views.part(frame)).collect::<Vec<_>>(), size)
+    }
+
+    /// Looks at frames that come one after the other, of which it holds no more than [`CLIP_FRAMES`], as often as there
+    /// are guesses of what was done to them, each time with that guess undone. `parts` says what of each is shown; of
+    /// frames beyond its end, all is.
+    #[must_use]
+    pub fn stream(&mut self, guesses: &[UndoGuess], parts: Vec<Part>) -> FeatureStream<'_> {
         let clip_features = guesses.iter().map(|&guess| (guess, ClipFeatures::default())).collect();
-        FeatureStream { reader: self, preprocessor: None, waiting: Vec::new(), clip_features }
+        FeatureStream { reader: self, preprocessor: None, waiting: Vec::new(), parts: parts.into_iter(), clip_features }
     }
 
     /// Appends what the first `frames` of the clip that was taken in show.
@@ -172,6 +197,8 @@ pub struct FeatureStream<'a> {
     reader: &'a mut Reader,
     preprocessor: Option<Preprocessor>,
     waiting: Vec<Frame>,
+    /// Of the frames to come.
+    parts: std::vec::IntoIter<Part>,
     /// What is seen with each guess undone.
     clip_features: Vec<(UndoGuess, ClipFeatures)>,
 }
@@ -211,12 +238,13 @@ impl FeatureStream<'_> {
     }
 
     fn see(&mut self) -> Result<(), EngineError> {
-        let Self { reader, preprocessor, waiting, clip_features } = self;
+        let Self { reader, preprocessor, waiting, parts, clip_features } = self;
         let preprocessor = match preprocessor {
             Some(preprocessor) => preprocessor,
             None => preprocessor.insert(Preprocessor::new(&reader.device, &waiting[0], reader.features.shape())?),
         };
         preprocessor.load(waiting)?;
+        preprocessor.cut(&waiting.iter().map(|_| parts.next().unwrap_or(Part::All)).collect::<Vec<_>>())?;
         for (guess, clip_features) in clip_features {
             reader.see(preprocessor, waiting.len(), *guess, clip_features)?;
         }

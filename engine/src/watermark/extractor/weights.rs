@@ -1,6 +1,7 @@
 //! What of an extractor belongs to one asset, its file, and what every extractor does alike.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use serde::Serialize;
 
@@ -10,19 +11,26 @@ use super::tmsd::TmsdWeights;
 use crate::base::digest::Digest;
 use crate::base::matrix::share_apart;
 use crate::base::output::{AtomicFile, Existing};
-use crate::base::tensor_file::TensorFile;
+use crate::base::tensor_file::{Tensor, TensorFile};
 use crate::error::EngineError;
 use crate::evidence::extractor_mode::ExtractorMode;
+use crate::picture::known_views::{KnownViews, MOST_VIEWS, PLACEMENT_LEN, THUMBNAIL_LEN};
 use crate::watermark::key::owner_key::Key;
 
 /// `format` entry of an extractor file.
 const FORMAT: &str = "guard4d.extractor/1";
+/// Tensors of what tells where in a frame the asset is.
+const THUMBNAILS: &str = "known_views.thumbnails";
+const PLACEMENTS: &str = "known_views.placements";
 
 /// Frames that the extractor sees at once (Guard4D Sec. 4: clips of eight frames).
 pub const CLIP_FRAMES: usize = 8;
 
 /// What happens to a frame before R, for receipts.
 pub const PREPROCESS: &str = "resize: bilinear, antialiased, align_corners; squashed to CLIP's size; rgb in [0, 1]";
+
+/// [`PREPROCESS`] of frames that are cut before.
+const CUT: &str = "cut to the window that the 4 known views nearest to each frame say, mean of 97 frames";
 
 /// The parts of an extractor that belong to one asset; private.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,9 +44,20 @@ pub struct ExtractorWeights {
     /// Rotation that mixes the calibration's directions; its number is all that an extractor that is blind to the
     /// message can have of it.
     pub key_rotation: KeyRotation,
+    /// What tells where in a frame the asset is, before all this; none where frames are shown whole.
+    pub known_views: Option<Arc<KnownViews>>,
 }
 
 impl ExtractorWeights {
+    /// What happens to a frame before R, for receipts.
+    #[must_use]
+    pub fn preprocess(&self) -> String {
+        match self.known_views {
+            None => PREPROCESS.to_owned(),
+            Some(_) => format!("{CUT}; {PREPROCESS}"),
+        }
+    }
+
     pub(super) fn file(&self, key: &Key) -> TensorFile {
         let mut file = TensorFile::default();
         let mode = serde_json::to_value(self.mode).ok().and_then(|v| v.as_str().map(str::to_owned));
@@ -47,6 +66,12 @@ impl ExtractorWeights {
         file.meta.insert("key_id".to_owned(), key.prf().key_id().to_string());
         file.meta.insert("clip".to_owned(), key.clip.to_string());
         self.key_rotation.store(&mut file);
+        if let Some(views) = &self.known_views {
+            let thumbnails = Tensor::f32(&[views.len(), THUMBNAIL_LEN], views.thumbnails.clone());
+            file.tensors.insert(THUMBNAILS.to_owned(), thumbnails);
+            let placements = Tensor::f32(&[views.len(), PLACEMENT_LEN], views.placements.clone());
+            file.tensors.insert(PLACEMENTS.to_owned(), placements);
+        }
         self.calibration.store(&mut file, key.bits());
         if let Some(tmsd) = &self.tmsd {
             tmsd.store(&mut file);
@@ -90,7 +115,7 @@ impl ExtractorWeights {
         let tmsd = TmsdWeights::load(&file)?;
         check_blindness(&file, mode, tmsd.as_ref())?;
         let calibration = Calibration::load(&file, key.text_mean.len(), key.bits())?;
-        Ok(Self { mode, tmsd, calibration, key_rotation: KeyRotation::load(&file)? })
+        Ok(Self { mode, tmsd, calibration, key_rotation: KeyRotation::load(&file)?, known_views: known_views(&file)? })
     }
 }
 
@@ -105,6 +130,8 @@ pub struct Deviation {
     pub directions: f64,
     /// Of the mean logits.
     pub mean_logits: f64,
+    /// Of the known views; 0 where neither has any.
+    pub known_views: f64,
 }
 
 impl ExtractorWeights {
@@ -123,6 +150,11 @@ impl ExtractorWeights {
             mean_image: share_apart(&own.mean_image, &known.mean_image),
             directions: share_apart(&own.directions, &known.directions),
             mean_logits: share_apart(&own.mean_logits, &known.mean_logits),
+            known_views: match (&self.known_views, &other.known_views) {
+                (Some(own), Some(known)) => own.share_apart(known),
+                (None, None) => 0.0,
+                _ => f64::INFINITY,
+            },
         }
     }
 
@@ -133,8 +165,20 @@ impl ExtractorWeights {
         // Known directions leave their common scale.
         let directions = if knows_directions { 1 } else { directions.len() };
         let colours = self.tmsd.as_ref().map_or(0, |tmsd| tmsd.colour_map.as_flattened().len());
-        mean_image.len() + directions + mean_logits.len() + colours
+        let views = self.known_views.as_ref().map_or(0, |views| views.thumbnails.len() + views.placements.len());
+        mean_image.len() + directions + mean_logits.len() + colours + views
     }
+}
+
+fn known_views(file: &TensorFile) -> Result<Option<Arc<KnownViews>>, EngineError> {
+    let Some(tensor) = file.tensors.get(PLACEMENTS) else { return Ok(None) };
+    let views = tensor.shape.first().copied().unwrap_or(0);
+    if !(1..=MOST_VIEWS).contains(&views) {
+        return Err(file.bad(PLACEMENTS, &format!("{views} views"), &format!("1 to {MOST_VIEWS}")));
+    }
+    let thumbnails = file.finite(THUMBNAILS, &[views, THUMBNAIL_LEN])?.to_vec();
+    let placements = file.finite(PLACEMENTS, &[views, PLACEMENT_LEN])?.to_vec();
+    Ok(Some(Arc::new(KnownViews { thumbnails, placements })))
 }
 
 /// Refuses an R that its mode cannot have.

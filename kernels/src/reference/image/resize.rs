@@ -4,11 +4,17 @@ use crate::reference::real::Real;
 
 /// `[to, from]` matrix of one axis: antialiased bilinear with `align_corners=True`.
 pub fn matrix<R: Real>(from: usize, to: usize) -> Vec<R> {
-    let scale = if to > 1 { (from as f64 - 1.0) / (to as f64 - 1.0) } else { 0.0 };
+    part_matrix(from, to, [0.0, from as f64])
+}
+
+/// The same of the part of the axis that begins at `first` and is `length` long. Outputs that look at nothing but the
+/// outside see the outermost entry.
+pub fn part_matrix<R: Real>(from: usize, to: usize, [first, length]: [f64; 2]) -> Vec<R> {
+    let scale = if to > 1 { f64::max(length - 1.0, 0.0) / (to as f64 - 1.0) } else { 0.0 };
     let support = if scale > 1.0 { scale } else { 1.0 };
     let mut matrix = vec![R::of(0.0); to * from];
     for o in 0..to {
-        let center = scale * (o as f64 + 0.5);
+        let center = first + scale * (o as f64 + 0.5);
         let low = (center - support + 0.5).trunc().max(0.0);
         let high = (center + support + 0.5).trunc().min(from as f64);
         let inside = |i: usize| i as f64 >= low && (i as f64) < high;
@@ -17,6 +23,10 @@ pub fn matrix<R: Real>(from: usize, to: usize) -> Vec<R> {
             if inside(i) && distance < 1.0 { 1.0 - distance } else { 0.0 }
         };
         let total: f64 = (0..from).map(weight).sum();
+        if total == 0.0 {
+            matrix[o * from + if center < 0.0 { 0 } else { from - 1 }] = R::of(1.0);
+            continue;
+        }
         for i in 0..from {
             matrix[o * from + i] = R::of(weight(i) / total);
         }

@@ -10,7 +10,7 @@ use super::objective::Objective;
 use super::optimiser::{DEFAULT_HELD_OUT_EVERY, Optimiser};
 use super::profile::Profile;
 use super::schedule::{AdaptiveSchedule, Aim, Phase};
-use super::training_views::TrainingViews;
+use super::training_views::{FramingChoice, TrainingViews};
 use crate::error::EngineError;
 use crate::evidence::extractor_mode::ExtractorMode;
 use crate::evidence::thresholds::Thresholds;
@@ -93,6 +93,7 @@ impl EmbedConfig {
                 clips,
                 elevation_deg: (5.0, 65.0),
                 turn_deg: 12.0,
+                framing: FramingChoice::Auto,
             },
             fidelity: Fidelity {
                 target_psnr: 0.0,
@@ -122,6 +123,12 @@ impl EmbedConfig {
             schedule: None,
         }
         .sized_for(DEFAULT_TARGET_PSNR);
+        // What the paper says is compared as it says it; R of `joint` learns from films of one camera.
+        let config = config.with(|config| {
+            if profile.is_the_papers() || mode == ExtractorMode::Joint {
+                config.views.framing = FramingChoice::Whole;
+            }
+        });
         if profile.is_the_papers() { config.with_the_papers_objective() } else { config }
     }
 

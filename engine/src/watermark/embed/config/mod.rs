@@ -26,5 +26,5 @@ pub use optimiser::Optimiser;
 pub use profile::Profile;
 pub use schedule::{AdaptiveSchedule, Aim, Phase};
 pub use terms::{Control, ControlClips, LpipsTerm};
-pub use training_views::TrainingViews;
+pub use training_views::{FramingChoice, TrainingViews};
 pub use weights_file::{Weights, WeightsFile};

@@ -5,7 +5,7 @@ use glam::DVec3;
 use guard4d_kernels::image::resize::ImageSize;
 use serde::{Deserialize, Serialize};
 
-use super::parse::{check, point, range, single, size};
+use super::parse::{check, point, range, single, size, word};
 use crate::error::EngineError;
 use crate::scene::{LookAt, Model};
 
@@ -42,6 +42,32 @@ pub struct TrainingViews {
     /// camera
     #[arg(long = "turn", value_name = "DEGREES", hide = true)]
     pub turn_deg: f64,
+    /// Whether films are framed as training views are before CLIP sees them: `known` by what these look like, `whole`
+    /// not at all, `auto` if the scene stands out from its background in nearly all of them
+    #[arg(long, value_name = "HOW", value_parser = framing, hide = true)]
+    #[serde(default = "whole")]
+    pub framing: FramingChoice,
+}
+
+/// Whether films are framed as training views are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FramingChoice {
+    /// If the scene stands out.
+    Auto,
+    /// No: frames are shown whole.
+    Whole,
+    /// Yes, see [`crate::picture::known_views`].
+    Known,
+}
+
+fn framing(text: &str) -> Result<FramingChoice, EngineError> {
+    word("framing", text)
+}
+
+/// What settings from before there was a choice mean.
+fn whole() -> FramingChoice {
+    FramingChoice::Whole
 }
 
 impl TrainingViews {

@@ -1,0 +1,109 @@
+//! Films are framed as the known views were, from frames alone, and bad frames are shown whole.
+
+use guard4d_engine::media::Frame;
+use guard4d_engine::picture::foreground::NotFound;
+use guard4d_engine::picture::known_views::{Framings, KnownViews, Part, Window, settle};
+use guard4d_kernels::image::resize::ImageSize;
+
+use super::foreground::{Disc, picture};
+
+const SIDE: u32 = 160;
+
+/// An asset of a body and a head that leans as far as `lean` says, as a frame shows it that is `zoom` times as near and
+/// looks `off` pixels beside it.
+fn asset(size: [u32; 2], lean: f64, zoom: f64, off: [f64; 2]) -> Frame {
+    let middle = [0, 1].map(|i| f64::from(size[i]) / 2.0 + off[i]);
+    let at = |x: f64, y: f64| [middle[0] + zoom * x, middle[1] + zoom * y];
+    let body = Disc { middle: at(0.0, 18.0), radius: 26.0 * zoom, colour: [200, 90, 20] };
+    let head = Disc { middle: at(30.0 * lean, -22.0), radius: 15.0 * zoom, colour: [40, 60, 160] };
+    picture(size[0], size[1], &[body, head])
+}
+
+fn known() -> KnownViews {
+    let mut views = KnownViews::default();
+    for lean in -10..=10 {
+        assert!(views.add(&asset([SIDE; 2], f64::from(lean) / 10.0, 1.0, [0.0; 2])), "it stands out");
+    }
+    views
+}
+
+fn size(frame: &Frame) -> ImageSize {
+    ImageSize { height: frame.height() as usize, width: frame.width() as usize }
+}
+
+/// Fails unless the window is where the trained frame lies, as near as what the asset is like from other views allows.
+#[track_caller]
+fn assert_framed(part: Part, middle: [f64; 2], side: f64) {
+    let Part::Window(Window { middle: found, sides }) = part else { panic!("{part:?}") };
+    // Between known views the asset leans by half a tenth: less than 2 px of 160.
+    let off = [0, 1].map(|i| (found[i] - middle[i]).abs() / side);
+    assert!(off.iter().all(|off| *off < 0.02), "{found:?} instead of {middle:?}");
+    assert!(sides.iter().all(|s| (s / side - 1.0).abs() < 0.03), "{sides:?} instead of {side}");
+}
+
+#[test]
+fn films_from_far_near_and_aside_are_framed_as_the_known_views() {
+    let views = known();
+    assert_eq!(views.len(), 21, "a view each");
+    for (frame, zoom, off) in
+        [([400, 400], 1.2, [0.0, 0.0]), ([640, 360], 1.1, [150.0, -40.0]), ([200, 500], 0.9, [20.0, 130.0])]
+    {
+        let film: Vec<Frame> = (0..12).map(|i| asset(frame, 0.15 * f64::from(i) - 0.85, zoom, off)).collect();
+        let alone: Vec<Part> = film.iter().map(|frame| views.part(frame)).collect();
+        let middle = [0, 1].map(|i| f64::from(frame[i]) / 2.0 + off[i]);
+        for part in settle(&alone, size(&film[0])) {
+            assert_framed(part, middle, zoom * f64::from(SIDE));
+        }
+    }
+}
+
+#[test]
+fn a_film_that_is_framed_as_usual_is_shown_as_it_is() {
+    let views = known();
+    let film: Vec<Frame> = (0..8).map(|i| asset([SIDE; 2], 0.2 * f64::from(i) - 0.75, 1.0, [2.0, -3.0])).collect();
+    let alone: Vec<Part> = film.iter().map(|frame| views.part(frame)).collect();
+    assert!(alone.iter().all(|part| matches!(part, Part::Window(_))), "each by itself is cut: {alone:?}");
+    assert_eq!(settle(&alone, size(&film[0])), vec![Part::All; 8], "all together");
+}
+
+#[test]
+fn a_cut_to_another_shot_is_not_averaged_over() {
+    let views = known();
+    let frame = [400, 400];
+    let film: Vec<Frame> =
+        (0..12).map(|i| asset(frame, 0.1 * f64::from(i % 5) - 0.2, if i < 8 { 1.0 } else { 2.0 }, [0.0; 2])).collect();
+    let alone: Vec<Part> = film.iter().map(|frame| views.part(frame)).collect();
+    for (i, part) in settle(&alone, size(&film[0])).into_iter().enumerate() {
+        assert_framed(part, [200.0; 2], if i < 8 { 160.0 } else { 320.0 });
+    }
+}
+
+#[test]
+fn bad_frames_are_shown_whole_with_the_reason_and_do_not_move_the_others() {
+    let views = known();
+    let mut film: Vec<Frame> = (0..9).map(|i| asset([400, 400], 0.1 * f64::from(i) - 0.4, 1.3, [30.0, 0.0])).collect();
+    film[2] = picture(400, 400, &[]);
+    film[5] = asset([400, 400], 0.0, 1.3, [200.0, 0.0]);
+    let alone: Vec<Part> = film.iter().map(|frame| views.part(frame)).collect();
+    let parts = settle(&alone, size(&film[0]));
+    assert_eq!(parts[2], Part::Fallback(NotFound::Nothing), "a plain frame");
+    assert_eq!(parts[5], Part::Fallback(NotFound::Cut), "half of it is outside");
+    for (_, part) in parts.iter().enumerate().filter(|(i, _)| ![2, 5].contains(i)) {
+        assert_framed(*part, [230.0, 200.0], 1.3 * f64::from(SIDE));
+    }
+    let framings = Framings::of(&parts);
+    assert_eq!((framings.cut, framings.usual), (7, 0), "{framings:?}");
+    assert_eq!(framings.not_found.values().sum::<u32>(), 2, "{framings:?}");
+}
+
+#[test]
+fn another_size_of_memory_is_infinitely_far_and_the_same_is_not() {
+    let (views, mut fewer) = (known(), KnownViews::default());
+    fewer.add(&asset([SIDE; 2], 0.0, 1.0, [0.0; 2]));
+    assert_eq!(views.share_apart(&views.clone()), 0.0);
+    let apart = views.share_apart(&fewer);
+    assert!(apart.is_nan() || apart.is_infinite(), "{apart}");
+    assert!(!fewer.add(&picture(50, 50, &[])) && fewer.len() == 1, "what does not stand out is not remembered");
+    assert!(KnownViews::default().is_empty() && !fewer.is_empty(), "empty is empty");
+    assert!(matches!(KnownViews::default().part(&asset([SIDE; 2], 0.0, 1.0, [0.0; 2])), Part::Fallback(_)), "no view");
+}
