@@ -195,9 +195,10 @@ pub(super) fn framed_row(clip: &ClipReading) -> Option<Row> {
     if *cut == 0 && not_found.is_empty() {
         return None;
     }
-    let mut words = vec![format!("{cut} frames as training was")];
-    words.extend((*usual > 0).then(|| format!("{usual} already were")));
-    words.extend(not_found.iter().map(|(why, frames)| format!("{frames} shown whole: {why}")));
+    let mut words = Vec::new();
+    words.extend((*cut > 0).then(|| format!("{cut} frames as training was")));
+    words.extend((*usual > 0).then(|| format!("{usual} frames as they are, which is as training was")));
+    words.extend(not_found.iter().map(|(why, frames)| format!("{frames} frames shown whole: {why}")));
     Some(("framed", format!("{}: {}", words.join("; "), clip.name)))
 }
 

@@ -182,9 +182,11 @@ fn unmarked_clips_are_absent_and_clips_that_prove_nothing_inconclusive() {
         assert_eq!(run.code, 4, "{}: {}", clip.display(), run.stderr);
         assert!(run.stdout.contains("INCONCLUSIVE") && run.stdout.contains(reason), "{}", run.stdout);
     };
-    // Eight bits of these pictures are right by chance: enough frames to say so.
+    // Of these pictures the bits are right by chance: enough frames to say so.
     let plain = folder.path().join("plain");
-    write_png_folder(&plain, &[(); 8].map(|()| grey(64, 64, 0))).expect("writable");
+    let pixel = |at: u32| [(at % 64 * 4) as u8, (at / 64 * 4) as u8, 40];
+    let card = Frame::new(64, 64, (0..64 * 64).flat_map(pixel).collect()).expect("the length fits");
+    write_png_folder(&plain, &[(); 8].map(|()| card.clone())).expect("writable");
     let absent = verify(owner, &plain, &[]);
     assert_eq!(absent.code, 1, "absent: {}{}", absent.stdout, absent.stderr);
     assert!(absent.stdout.contains("ABSENT"), "{}", absent.stdout);

@@ -14,6 +14,7 @@
 //! there to be looked at. That the commitment was, only a timestamp can show that somebody else gave it, and the older
 //! one wins.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use guard4d_engine::error::EngineError;
@@ -22,6 +23,7 @@ use guard4d_engine::evidence::extractor_mode::ExtractorMode;
 use guard4d_engine::evidence::message::Message;
 use guard4d_engine::media::Frame;
 use guard4d_engine::networks::clip::TowerPurpose;
+use guard4d_engine::picture::known_views::KnownViews;
 use guard4d_engine::picture::undo_guess::UndoGuess;
 use guard4d_engine::release::evaluate::{chance_deviation, read_clips};
 use guard4d_engine::watermark::embed::Subject;
@@ -125,6 +127,7 @@ struct Accuser {
     target: Buffer<f32>,
     value: Buffer<f32>,
     groups: Groups,
+    known_views: Option<Arc<KnownViews>>,
 }
 
 impl Accuser {
@@ -138,6 +141,7 @@ impl Accuser {
             target: device.buffer_from("forgery.target", &target(message))?,
             value: device.buffer("forgery.value", 1)?,
             groups: Groups { groups: 1, rows: CLIP_FRAMES, bits: key.bits() },
+            known_views: start.known_views.clone(),
         })
     }
 
@@ -146,9 +150,11 @@ impl Accuser {
         let mut shown = Vec::new();
         for clip in clips.iter().filter(|clip| !clip.is_empty()) {
             let mut preprocessor = Preprocessor::new(device, &clip[0], self.features.shape())?;
-            for chunk in clip.chunks(CLIP_FRAMES) {
+            let parts = self.known_views.as_ref().map(|views| views.parts(clip)).unwrap_or_default();
+            for (number, chunk) in clip.chunks(CLIP_FRAMES).enumerate() {
                 let mut resized = device.buffer("forgery.resized", self.features.clip_len())?;
                 preprocessor.load(chunk)?;
+                preprocessor.cut(parts.get(number * CLIP_FRAMES..).unwrap_or_default())?;
                 let mut rec = device.recorder()?;
                 preprocessor.show(&mut rec, UndoGuess::NONE, &mut resized)?;
                 rec.submit()?;

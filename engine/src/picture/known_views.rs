@@ -150,6 +150,14 @@ impl KnownViews {
         self.placements.is_empty()
     }
 
+    /// The parts of the frames of one film, all of one size.
+    #[must_use]
+    pub fn parts(&self, frames: &[Frame]) -> Vec<Part> {
+        let Some(first) = frames.first() else { return Vec::new() };
+        let size = ImageSize { height: first.height() as usize, width: first.width() as usize };
+        settle(&frames.iter().map(|frame| self.part(frame)).collect::<Vec<_>>(), size)
+    }
+
     /// The part of one frame by itself; [`settle`] makes use of those around it.
     #[must_use]
     pub fn part(&self, frame: &Frame) -> Part {

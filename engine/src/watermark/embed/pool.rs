@@ -78,7 +78,7 @@ impl ClipPool {
             let draws = Draws { clips: config.held_out_clips(), seed: rng.next_u64() };
             drawn.extend(shots(config, model, draws, true, &mut rng)?);
         }
-        let known_views = framed_views::frame(device, model, config, &drawn)?;
+        let known_views = framed_views::frame(device, model, config, &drawn[..num_training])?;
         let builder = ClipBuilder::new(device, model, config)?;
         let in_use = (config.in_phase(0).views.clips as usize).min(num_training);
         Ok(Self { shots: drawn, num_training, in_use, known_views, builder, kept: Kept::default(), made: 0 })

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use guard4d_kernels::image::resize::ImageSize;
 use guard4d_kernels::{Buffer, Device};
 
 use super::calibration::Calibration;
@@ -13,7 +12,7 @@ use crate::base::digest::Digest;
 use crate::error::EngineError;
 use crate::media::Frame;
 use crate::networks::clip::{ClipModel, TowerPurpose};
-use crate::picture::known_views::{KnownViews, Part, settle};
+use crate::picture::known_views::{KnownViews, Part};
 use crate::picture::undo_guess::UndoGuess;
 use crate::watermark::key::decoder::{Decoder, DecoderPass};
 use crate::watermark::key::owner_key::{Key, digest_of};
@@ -155,11 +154,7 @@ impl Reader {
     /// What of each of these frames is shown: they are of one film and one size.
     #[must_use]
     pub fn parts(&self, frames: &[Frame]) -> Vec<Part> {
-        let (Some(views), Some(first)) = (&self.known_views, frames.first()) else {
-            return vec![Part::All; frames.len()];
-        };
-        let size = ImageSize { height: first.height() as usize, width: first.width() as usize };
-        settle(&frames.iter().map(|frame| views.part(frame)).collect::<Vec<_>>(), size)
+        self.known_views.as_ref().map_or_else(|| vec![Part::All; frames.len()], |views| views.parts(frames))
     }
 
     /// Looks at frames that come one after the other, of which it holds no more than [`CLIP_FRAMES`], as often as there
