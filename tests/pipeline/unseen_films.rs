@@ -5,6 +5,7 @@ use std::path::Path;
 
 use guard4d_engine::evidence::extractor_mode::ExtractorMode;
 use guard4d_engine::evidence::id_code::SearchedP;
+use guard4d_engine::evidence::message::Message;
 use guard4d_engine::evidence::reading::Reading;
 use guard4d_engine::evidence::statistics::chance_band;
 use guard4d_engine::media::codec::Codec;
@@ -14,7 +15,7 @@ use guard4d_engine::release::evaluate::HeldOut;
 use guard4d_engine::scene::camera::paths::{Lens, Orbit};
 use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{CameraSet, FrameSize, Model};
-use guard4d_engine::watermark::embed::{EmbedConfig, Embedding, Profile, Subject};
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, Subject};
 use guard4d_engine::watermark::extractor::reader::Reader;
 use guard4d_engine::watermark::extractor::weights::ExtractorWeights;
 
@@ -78,6 +79,27 @@ fn read(reader: &mut Reader, films: &[Vec<Frame>]) -> (Vec<Reading>, Reading) {
     (logits.iter().map(|film| of(film)).collect(), of(&logits.concat()))
 }
 
+/// Share of the message's bits that films show, each by itself.
+fn share(films: &[Reading], message: &Message) -> f64 {
+    let right = films.iter().map(|film| film.matches(message).expect("16 bits")).sum::<u32>();
+    f64::from(right) / f64::from(BITS * SIDES)
+}
+
+/// A short embedding.
+fn embed(subject: Subject<'_>, mode: ExtractorMode) -> Embedded {
+    let config = EmbedConfig::new(Profile::Draft, mode).with(|c| {
+        c.seed = 3;
+        c.views.size_px = (SIDE_PX[0], SIDE_PX[0]);
+        c.views.clips = 48;
+        c.optimiser.steps = 400;
+        c.optimiser.held_out_every = 0;
+        c.open_weights().expect("what is built in is whole");
+    });
+    let mut embedding = Embedding::prepare(subject, config).expect("prepares");
+    while embedding.step().expect("steps").is_some() {}
+    embedding.finish().expect("finishes")
+}
+
 /// Embeds, delivers, films, reads, and fails where the mark is not read, is seen, or is read where there is none.
 fn assert_read(mode: ExtractorMode) {
     let Some(gpu) = device() else { return };
@@ -89,18 +111,8 @@ fn assert_read(mode: ExtractorMode) {
     let scene = DemoScene::unpack().expect("the scene unpacks");
     let model = Model::open(scene.path()).expect("the scene opens");
     let message = key.own_message();
-    let config = EmbedConfig::new(Profile::Draft, mode).with(|c| {
-        c.seed = 3;
-        c.views.size_px = (SIDE_PX[0], SIDE_PX[0]);
-        c.views.clips = 48;
-        c.optimiser.steps = 400;
-        c.optimiser.held_out_every = 0;
-        c.open_weights().expect("what is built in is whole");
-    });
     let subject = Subject { device: &gpu, clip: &clip, key, model: &model, message: &message };
-    let mut embedding = Embedding::prepare(subject, config).expect("prepares");
-    while embedding.step().expect("steps").is_some() {}
-    let embedded = embedding.finish().expect("finishes");
+    let embedded = embed(subject, mode);
 
     // What counts is what the files of the marked copy hold.
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
@@ -123,30 +135,25 @@ fn assert_read(mode: ExtractorMode) {
     let (marked, all_marked) = read(&mut reader, &films.marked);
     let (_, all_clean) = read(&mut reader, &films.clean);
 
-    let matches = |film: &Reading| film.matches(&message).expect("16 bits");
-    let right = marked.iter().map(matches).sum::<u32>();
-    let (share, clean) = (f64::from(right) / f64::from(BITS * SIDES), matches(&all_clean));
+    let (share, clean) = (share(&marked, &message), all_clean.matches(&message).expect("16 bits"));
     let p = SearchedP::of(&all_marked, &message, 1).expect("16 bits").soft_score;
     let seen = format!("{mode:?}: {share} of the bits, p = {p}, {psnr} dB, {clean} of {BITS} without a mark");
     assert_eq!(marked.len(), SIDES as usize, "a reading of each film");
-    // Films that are framed otherwise, and the same read as if nobody had framed them.
-    let share_of = |films: &[Reading]| {
-        f64::from(films.iter().map(|film| film.matches(&message).expect("16 bits")).sum::<u32>())
-            / f64::from(BITS * SIDES)
-    };
-    let framed = share_of(&read(&mut reader, &far.marked).0);
-    let whole = ExtractorWeights { known_views: None, ..embedded.extractor.clone() };
-    let mut whole = Reader::new(&gpu, &clip, key, &whole).expect("belongs to the key");
-    let unframed = share_of(&read(&mut whole, &far.marked).0);
-    println!("{mode:?}: {framed} of the bits of far films, {unframed} without framing");
-    assert!(framed >= FAR_BITS_RIGHT, "{framed} of the bits of far films; at least {FAR_BITS_RIGHT} are due");
-    assert!(framed >= unframed + FRAMING_GAIN, "{framed} of the bits framed, {unframed} whole");
     assert!(share >= BITS_RIGHT, "{seen}; at least {BITS_RIGHT} of the bits of each film are due");
     assert!(p <= P_VALUE, "{seen}; at most {P_VALUE} is due for all films together");
     assert!(psnr >= PSNR_DB, "{seen}; at least {PSNR_DB} dB are due");
     let band = chance_band(BITS, CONFIDENCE).expect("a confidence");
     assert!(band.contains(&clean), "{seen}; {band:?} is what chance leaves");
     println!("{seen}");
+
+    // Films that are framed otherwise, and the same read as if nobody had framed them.
+    let framed = self::share(&read(&mut reader, &far.marked).0, &message);
+    let whole = ExtractorWeights { known_views: None, ..embedded.extractor };
+    let mut whole = Reader::new(&gpu, &clip, key, &whole).expect("belongs to the key");
+    let unframed = self::share(&read(&mut whole, &far.marked).0, &message);
+    println!("{mode:?}: {framed} of the bits of far films, {unframed} without framing");
+    assert!(framed >= FAR_BITS_RIGHT, "{framed} of the bits of far films; at least {FAR_BITS_RIGHT} are due");
+    assert!(framed >= unframed + FRAMING_GAIN, "{framed} of the bits framed, {unframed} whole");
 }
 
 #[test]

@@ -112,10 +112,10 @@ impl<'a> ClipReader<'a> {
     /// What of each frame is shown. Where that depends on the frames around it, a video is decoded once more for it.
     fn parts(&mut self, source: &FrameSource, name: &str, total: Option<u64>) -> Result<Vec<Part>, EngineError> {
         let Some(views) = self.reader.known_views() else { return Ok(Vec::new()) };
-        let (stage, mut alone) = (format!("{name}: framing"), Vec::new());
+        let mut alone = Vec::new();
         let ending = source.for_each(&mut |frame| {
             alone.push(views.part(&frame));
-            self.observer.observe(Progress { stage: &stage, done: alone.len() as u64, total })
+            self.observer.observe(Progress { stage: name, done: alone.len() as u64, total })
         })?;
         let (width, height) = ending.size_px;
         Ok(settle(&alone, ImageSize { height: height as usize, width: width as usize }))
