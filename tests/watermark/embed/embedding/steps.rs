@@ -11,8 +11,8 @@ use guard4d_engine::release::evaluate::HeldOut;
 use guard4d_engine::render::OffsetBases;
 use guard4d_engine::scene::{Camera, CameraSet, View};
 use guard4d_engine::watermark::embed::{
-    Control, EmbedConfig, Embedded, Embedding, Estimate, HeldOutReport, JointConfig, LpipsTerm, Profile, Repetition,
-    Start, StepReport, WeightsFile,
+    Control, EmbedConfig, Embedded, Embedding, Estimate, FramingChoice, HeldOutReport, JointConfig, LpipsTerm, Profile,
+    Repetition, Start, StepReport, WeightsFile,
 };
 use guard4d_engine::watermark::extractor::reader::Reader;
 use guard4d_engine::watermark::extractor::tmsd::{TmsdConfig, TmsdWeights};
@@ -160,7 +160,11 @@ fn chance_of_as_much(logits: &[f64], said: &[bool]) -> f64 {
 fn check_held_out(mode: ExtractorMode) {
     let Some(gpu) = device() else { return };
     let owner = Owner::new(&gpu);
-    let off = config(&owner, mode).with(|c| c.optimiser.steps = 3);
+    let off = config(&owner, mode).with(|c| {
+        c.optimiser.steps = 3;
+        // Held-out clips are read as they are; a reader would find the asset in them, and not quite where it is.
+        c.views.framing = FramingChoice::Whole;
+    });
     let on = off.clone().with(|c| c.optimiser.held_out_every = 2);
     let mut embedding = Embedding::prepare(owner.subject(&gpu), on).expect("prepares");
     let training: Shots = embedding.training_shots().flatten().copied().collect();
