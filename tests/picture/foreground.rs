@@ -38,7 +38,7 @@ fn a_disc_is_found_where_it_is_in_frames_of_any_shape() {
     for (width, height, one) in
         [(200, 200, disc(100.0, 100.0, 40.0)), (320, 120, disc(70.5, 52.0, 30.0)), (90, 300, disc(40.0, 250.0, 25.0))]
     {
-        let Thing { middle, spread } = find(&picture(width, height, &[one])).expect("it stands out");
+        let Thing { middle, spread, .. } = find(&picture(width, height, &[one])).expect("it stands out");
         // Edges are blended over a pixel.
         assert!((0..2).all(|i| (middle[i] - one.middle[i]).abs() < 0.2), "{middle:?} of {:?}", one.middle);
         // The spread of a disc is its radius over the root of two.

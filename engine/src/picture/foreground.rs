@@ -34,6 +34,8 @@ pub struct Thing {
     pub middle: [f64; 2],
     /// Root of the trace of its covariance, in pixels: 0.71 R for a disc of radius R.
     pub spread: f64,
+    /// The border's median colour, from which it stands out.
+    pub background: [u8; 3],
 }
 
 /// Why nothing is found.
@@ -106,7 +108,7 @@ pub fn find(frame: &Frame) -> Result<Thing, NotFound> {
         return Err(NotFound::Cut);
     }
     // A single pixel has no spread, but a side.
-    Ok(Thing { middle, spread: spread.max(0.5) })
+    Ok(Thing { middle, spread: spread.max(0.5), background: grid.background })
 }
 
 /// Weights of pixels, summed with their places.
@@ -135,6 +137,8 @@ struct Grid {
     columns: usize,
     rows: usize,
     cells: Vec<Moments>,
+    /// The border's median colour.
+    background: [u8; 3],
     /// Pixels of a whole cell.
     area: f64,
     /// Mean weight of the border's pixels.
@@ -168,6 +172,7 @@ impl Grid {
             columns,
             rows,
             cells,
+            background,
             area: (cell * cell) as f64,
             cut: border / border_px,
             cut_px: border / BORDER_PX as f64,

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use guard4d_kernels::image::resize::{ImageSize, Region};
 use serde::Serialize;
 
-use super::foreground::{NotFound, Thing, border_colour, find};
+use super::foreground::{NotFound, Thing, find};
 use crate::base::matrix::{share_apart, single};
 use crate::media::Frame;
 
@@ -245,8 +245,8 @@ fn mean_of(windows: impl Iterator<Item = Window>) -> Option<Window> {
 /// A thing and what is around it `[T, T, 3]`: mean differences from the border's colour in \[-1, 1\], 0 outside of the
 /// frame.
 fn thumbnail(frame: &Frame, thing: Thing) -> Vec<f32> {
-    let Thing { middle, spread } = thing;
-    let (side, background) = (SPREADS * spread, border_colour(frame));
+    let Thing { middle, spread, background } = thing;
+    let side = SPREADS * spread;
     let corner = middle.map(|m| m - side / 2.0);
     let (width, height) = (frame.width() as usize, frame.height() as usize);
     let mut sums = vec![0.0; THUMBNAIL_LEN];
