@@ -5,7 +5,8 @@ use std::io::Write as _;
 
 use guard4d_engine::error::EngineError;
 use guard4d_engine::evidence::extractor_mode::ExtractorMode;
-use guard4d_engine::release::evaluate::Evaluation;
+use guard4d_engine::release::evaluate::{ClassFigure, Evaluation};
+use guard4d_engine::scene::camera::classes::CameraClass;
 use serde::Serialize;
 
 use crate::flags::common::Common;
@@ -72,6 +73,11 @@ pub(crate) fn reading_rows(e: &Evaluation) -> Vec<Row> {
         ("noisy control (50 % is chance)", percent(e.noisy)),
     ];
     rows.extend(rest);
+    let in_class = |(class, figure): (&CameraClass, &ClassFigure)| format!("{class} {}", percent(figure.bit_accuracy));
+    let classes: Vec<String> = e.classes.iter().map(in_class).collect();
+    if let Some(ClassFigure { films, .. }) = e.classes.values().next() {
+        rows.push(("bits right, other cameras", format!("{}; {films} films each", classes.join(", "))));
+    }
     rows
 }
 

@@ -177,6 +177,10 @@ fn an_interrupted_run_goes_on_to_the_same_bytes() {
     assert_eq!(printed["missed"].as_array().map(Vec::len), Some(1), "the accuracy passes: {printed}");
     let receipt = fs::read(small.out("unbroken").join("private/receipt.json")).expect("a receipt");
     let receipt: Value = serde_json::from_slice(&receipt).expect("JSON");
+    let classes = &receipt["body"]["figures"]["classes"];
+    assert_eq!(*classes, printed["classes"], "films of each class are measured, printed and sealed");
+    assert_eq!(classes.as_object().map(serde_json::Map::len), Some(10), "{classes}");
+    assert_eq!(classes["off-centre"]["films"], 2, "{classes}");
     let peak = printed["peak_memory_bytes"].as_u64().expect("a number of bytes");
     assert_eq!(receipt["body"]["peak_memory_bytes"], peak, "the receipt has what is printed");
     // The weights of the joint network alone are larger; a float has four bytes.
@@ -213,6 +217,12 @@ fn impossible_gates_and_settings_are_refused_before_work() {
     let mut small = Small::new(&gpu);
     small.run("out", &["--min-accuracy", "90"]).refused(2, &["least bit accuracy: 90", "a share from 0 to 1"]);
     small.run("out", &["--min-accuracy", "NaN"]).refused(2, &["least bit accuracy: NaN"]);
+    small.run("out", &["--min-accuracy", "above:2"]).refused(2, &["least bit accuracy of a class: 2"]);
+    small.run("out", &["--min-accuracy", "sideways:0.9"]).refused(2, &["sideways", "usual, above, below"]);
+    small.run("out", &["--min-accuracy", "above:most"]).refused(2, &["above:most", "above:0.9"]);
+    small
+        .run("out", &["--min-accuracy", "above:0.9", "--class-films", "0"])
+        .refused(2, &["least bit accuracy of a class", "class-films 0", "at least one film"]);
     small.run("out", &["--min-psnr", "inf"]).refused(2, &["least PSNR: inf"]);
     small.run("out", &["--target-psnr", "10"]).refused(2, &["target PSNR: 10"]);
     small.run("out", &["--control-every", "0"]).refused(2, &["control_every: 0", "at least 1"]);
@@ -321,6 +331,13 @@ fn a_receipt_given_as_settings_gives_the_same_marked_model() {
     let body = Receipt::read(&receipt).expect("a receipt").body;
     let old = put(small.folder.path(), "old.json", old_receipt::seal("guard4d.receipt/1", &body).as_bytes());
     again("old", &old).refused(65, &["old.json", "schema", "guard4d.receipt/1", "guard4d.receipt/2"]);
+    let lists = [("0.9", "[\"0.9\"]"), ("[\"0.9\", \"above:0.8\"]", "[\"0.9\", \"above:0.8\"]")];
+    for (given, shown) in lists {
+        let gate = put(small.folder.path(), "gate.toml", format!("[gate]\nmin_accuracy = {given}\n").as_bytes());
+        let settings = guard4d(&[&"embed", &"--config", &gate, &"--show-config"]);
+        settings.done();
+        assert!(settings.stdout.contains(&format!("min_accuracy = {shown}")), "{given}: {}", settings.stdout);
+    }
     let far = put(small.folder.path(), "far.toml", b"[views]\nradius = \"far\"\n");
     again("far", &far).refused(65, &["far.toml", "views.radius", "far", "f64"]);
     again("none", &small.out("nowhere.toml")).refused(66, &["nowhere.toml"]);

@@ -1,5 +1,7 @@
 //! The quality gate: what it asks for, and that nothing but enough passes it.
 
+use std::collections::BTreeMap;
+
 use guard4d_engine::base::prf::{MasterSecret, Prf};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::evidence::control::{ChanceDeviation, ControlState};
@@ -11,8 +13,9 @@ use guard4d_engine::evidence::per_bit::PerBit;
 use guard4d_engine::evidence::reading::Reading;
 use guard4d_engine::picture::colour_difference::ColourDifference;
 use guard4d_engine::picture::metrics::{Decibels, PsnrSummary, SquaredError};
-use guard4d_engine::release::evaluate::Evaluation;
+use guard4d_engine::release::evaluate::{ClassFigure, Evaluation};
 use guard4d_engine::release::gate::{Figure, Gate};
+use guard4d_engine::scene::camera::classes::CameraClass;
 use guard4d_engine::watermark::embed::Aim;
 use guard4d_engine::watermark::extractor::rotation::KeyRotation;
 
@@ -42,6 +45,7 @@ fn evaluation(marked: f64, psnr_db: f64) -> Evaluation {
         ids: None,
         readings: Vec::new(),
         p_values: vec![1e-4, 1e-4, 1e-4, 1e-4, 1e-2, 0.5],
+        classes: BTreeMap::new(),
         clean: 0.5,
         clean_leak: chance_deviation.clone(),
         clean_bits: bits.clone(),
@@ -90,7 +94,7 @@ fn clips_that_give_back_the_number_are_counted() {
 fn training_that_ends_in_time_aims_at_it() {
     let gate = Gate::for_bits(16);
     assert_eq!(gate.aim(), Aim { p_value: 1e-3, proven: 0.75, accuracy: 0.0 });
-    let other = Gate { min_proven: 0.0, min_accuracy: Some(0.9), ..gate };
+    let other = Gate { min_proven: 0.0, min_accuracy: Some(0.9), ..gate.clone() };
     assert_eq!(other.aim(), Aim { p_value: gate.fpr, proven: 0.0, accuracy: 0.9 }, "bits alone");
 }
 
@@ -126,16 +130,30 @@ fn clips_that_prove_nothing_alone_are_counted() {
 }
 
 #[test]
+fn a_class_of_films_can_be_asked_for() {
+    let above = ClassFigure { films: 2, frames: 8, bit_accuracy: 0.875, proven: 1.0 };
+    let measured = Evaluation { classes: BTreeMap::from([(CameraClass::Above, above)]), ..evaluation(1.0, 50.0) };
+    let gate = |class, share| Gate { min_class_accuracy: BTreeMap::from([(class, share)]), ..Gate::for_bits(16) };
+    assert_eq!(gate(CameraClass::Above, 0.875).missed(&measured), [], "the bound itself passes");
+    let [short] = gate(CameraClass::Above, 0.9).missed(&measured)[..] else { panic!("one figure") };
+    let text = "bits right in films of the class `above`: 87.5 %, expected at least 90.0 %";
+    assert_eq!(short.to_string(), text, "said by name");
+    let missed = gate(CameraClass::Below, 0.1).missed(&measured);
+    assert_eq!(missed.len(), 1, "what was not measured falls short");
+}
+
+#[test]
 fn bounds_that_are_none_are_refused() {
     let fine = Gate { min_accuracy: Some(1.0), min_psnr_db: Some(-3.0), ..Gate::for_bits(16) };
     fine.validate().expect("all bits, any picture");
     for gate in [
-        Gate { min_proven: f64::NAN, ..fine },
-        Gate { min_accuracy: Some(1.5), ..fine },
-        Gate { min_accuracy: Some(-0.1), ..fine },
-        Gate { min_accuracy: Some(f64::NAN), ..fine },
-        Gate { min_psnr_db: Some(f64::NAN), ..fine },
-        Gate { min_psnr_db: Some(f64::INFINITY), ..fine },
+        Gate { min_proven: f64::NAN, ..fine.clone() },
+        Gate { min_accuracy: Some(1.5), ..fine.clone() },
+        Gate { min_accuracy: Some(-0.1), ..fine.clone() },
+        Gate { min_accuracy: Some(f64::NAN), ..fine.clone() },
+        Gate { min_psnr_db: Some(f64::NAN), ..fine.clone() },
+        Gate { min_psnr_db: Some(f64::INFINITY), ..fine.clone() },
+        Gate { min_class_accuracy: BTreeMap::from([(CameraClass::Above, 1.5)]), ..fine },
     ] {
         assert_eq!(gate.validate().expect_err("no bound").exit_code(), 2, "{gate:?}");
     }

@@ -11,9 +11,11 @@ use guard4d_engine::evidence::id_code::IdBits;
 use guard4d_engine::evidence::message::Message;
 use guard4d_engine::evidence::thresholds::Thresholds;
 use guard4d_engine::picture::metrics::{Decibels, PsnrSummary, SquaredError};
+use guard4d_engine::release::evaluate::ClassFigure;
 use guard4d_engine::release::receipt::{
     Anchor, BitAccuracies, DeviceRecord, Figures, FileRecord, Promise, Receipt, ReceiptBody, Repeatability, Tool,
 };
+use guard4d_engine::scene::camera::classes::CameraClass;
 use serde_json::Value;
 
 fn prf(seed: u8) -> Prf {
@@ -56,6 +58,10 @@ pub(crate) fn body() -> ReceiptBody {
             ssim: 0.1 + 0.2,
             lpips: None,
             bit_accuracy: BitAccuracies { frame: 0.943, clip: 1.0, clean: Some(0.5), noisy: None },
+            classes: BTreeMap::from([(
+                CameraClass::OffCentre,
+                ClassFigure { films: 2, frames: 8, bit_accuracy: 0.875, proven: 0.5 },
+            )]),
         },
         seconds: BTreeMap::from([("plan".to_owned(), 1.25), ("embed".to_owned(), 1e-7 / 3.0)]),
         peak_memory_bytes: Some(123_456_789_012),
@@ -184,7 +190,10 @@ fn figures_that_are_no_numbers_are_not_sealed() {
     psnr.figures.psnr.min_db = Decibels(f64::NAN);
     let mut clean = body();
     clean.figures.bit_accuracy.clean = Some(f64::NAN);
-    for bad in [ssim, seconds, psnr, clean] {
+    let mut class = body();
+    let figure = ClassFigure { films: 2, frames: 8, bit_accuracy: f64::NAN, proven: 0.5 };
+    class.figures.classes.insert(CameraClass::Above, figure);
+    for bad in [ssim, seconds, psnr, clean, class] {
         assert_eq!(Receipt::seal(bad, &signer()).expect_err("no number").exit_code(), 70);
     }
 }

@@ -94,7 +94,8 @@ impl Owner {
     pub(crate) fn deliver(&self, device: &Device, embedded: &Embedded, out: &Path) {
         std::fs::create_dir_all(out).expect("writable");
         let subject = self.subject(device);
-        let delivery = Delivery { subject, config: &self.config, embedded, input: self.scene.path(), payload: None };
+        let (config, input) = (&self.config, self.scene.path());
+        let delivery = Delivery { subject, config, embedded, input, payload: None, class_films: 0 };
         delivery::write(out, &delivery, &cameras()).expect("delivers");
     }
 }

@@ -15,7 +15,7 @@ use guard4d_engine::watermark::embed::{EmbedConfig, Subject};
 use guard4d_engine::watermark::key::owner_key::Key;
 
 use super::args::What;
-use super::job::{Fit, GateSettings};
+use super::job::{Fit, GateSettings, JobSettings, LeastAccuracy};
 use super::settings::Settings;
 use crate::flags::common::Common;
 use crate::flags::passphrase;
@@ -33,6 +33,7 @@ pub(super) struct Inputs {
     pub(super) cameras: CameraSet,
     pub(super) config: EmbedConfig,
     pub(super) gate: Gate,
+    pub(super) class_films: u32,
 }
 
 impl Inputs {
@@ -51,7 +52,7 @@ impl Inputs {
         let Settings { mut config, job } = settings;
         config.open_weights()?;
         let searched = payload.id_bits().map_or(1, IdBits::num_ids).saturating_mul(config.extractor.rotations());
-        let gate = gate(&job.gate, owner.bits(), searched)?;
+        let gate = gate(&job, owner.bits(), searched)?;
         let config = match job.run.fit {
             Fit::Auto => config.adaptive(gate.aim(), owner.bits()),
             Fit::Full => config,
@@ -67,7 +68,8 @@ impl Inputs {
         let look_at = config.views.look_at(&model);
         let config = config.with(|config| config.views = config.views.clone().looking_at(look_at));
         let (payload, cameras) = (payload.id_bits(), evaluation_cameras(&job.evaluation, &config.views, &model)?);
-        Ok(Self { device, clip, key, model, message, payload, cameras, config, gate })
+        let class_films = job.evaluation.class_films;
+        Ok(Self { device, clip, key, model, message, payload, cameras, config, gate, class_films })
     }
 
     pub(super) fn subject(&self) -> Subject<'_> {
@@ -77,11 +79,22 @@ impl Inputs {
 }
 
 /// What is asked of the result, or what a message of its length needs that is one of so many claims.
-fn gate(asked: &GateSettings, bits: usize, searched: u32) -> Result<Gate, EngineError> {
-    let mut gate = Gate { min_psnr_db: asked.min_psnr, ..Gate::after_search(bits, searched) };
-    if let Some(share) = asked.min_accuracy {
-        (gate.min_proven, gate.min_accuracy) = (0.0, Some(share));
+fn gate(job: &JobSettings, bits: usize, searched: u32) -> Result<Gate, EngineError> {
+    let GateSettings { min_accuracy, min_psnr } = &job.gate;
+    let mut gate = Gate { min_psnr_db: *min_psnr, ..Gate::after_search(bits, searched) };
+    for LeastAccuracy { class, share } in min_accuracy {
+        match class {
+            Some(class) => _ = gate.min_class_accuracy.insert(*class, *share),
+            None => (gate.min_proven, gate.min_accuracy) = (0.0, Some(*share)),
+        }
     }
     gate.validate()?;
+    if !gate.min_class_accuracy.is_empty() && job.evaluation.class_films == 0 {
+        return Err(EngineError::Usage {
+            what: "least bit accuracy of a class".to_owned(),
+            got: "class-films 0".to_owned(),
+            expected: "at least one film of each class".to_owned(),
+        });
+    }
     Ok(gate)
 }

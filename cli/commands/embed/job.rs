@@ -6,7 +6,8 @@ use std::str::FromStr;
 
 use clap::{ArgAction, Args};
 use guard4d_engine::error::EngineError;
-use serde::{Deserialize, Serialize};
+use guard4d_engine::scene::camera::classes::CameraClass;
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
 use crate::flags::size::parse_size;
 
@@ -92,13 +93,87 @@ impl fmt::Display for Fit {
 pub(crate) struct GateSettings {
     /// Least share of bits right on unseen clips, 0 to 1; by default half of these clips must each prove the message
     /// alone instead
-    #[arg(long, value_name = "SHARE", hide = true)]
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) min_accuracy: Option<f64>,
+    ///
+    /// above:0.9 asks for a share in films from above; so with every class of cameras: usual, above, below, far, near,
+    /// wide, narrow, portrait, off-centre and roll. In a file this is a share, or a list of such texts.
+    #[arg(long, value_name = "[CLASS:]SHARE", value_delimiter = ',', hide = true)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty", deserialize_with = "one_or_more")]
+    pub(crate) min_accuracy: Vec<LeastAccuracy>,
     /// Least PSNR of whole unseen frames in dB; by default none
     #[arg(long, value_name = "DB", hide = true)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) min_psnr: Option<f64>,
+}
+
+/// A share of bits that is asked for, of all clips or of films of one class of cameras.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LeastAccuracy {
+    /// None for clips of the cameras that the result is measured with.
+    pub(crate) class: Option<CameraClass>,
+    /// 0 to 1
+    pub(crate) share: f64,
+}
+
+impl FromStr for LeastAccuracy {
+    type Err = EngineError;
+
+    fn from_str(text: &str) -> Result<Self, EngineError> {
+        let (class, share) = match text.split_once(':') {
+            Some((class, share)) => (Some(class.parse()?), share),
+            None => (None, text),
+        };
+        let share = share.trim().parse().map_err(|_| EngineError::Usage {
+            what: "least share of bits right".to_owned(),
+            got: text.to_owned(),
+            expected: "a number from 0 to 1, or a class and a number: above:0.9".to_owned(),
+        })?;
+        Ok(Self { class, share })
+    }
+}
+
+impl fmt::Display for LeastAccuracy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.class {
+            Some(class) => write!(f, "{class}:{}", self.share),
+            None => write!(f, "{}", self.share),
+        }
+    }
+}
+
+impl Serialize for LeastAccuracy {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl<'de> Deserialize<'de> for LeastAccuracy {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        match NumberOrText::deserialize(deserializer)? {
+            NumberOrText::Number(share) => Ok(Self { class: None, share }),
+            NumberOrText::Text(text) => text.parse().map_err(de::Error::custom),
+        }
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum NumberOrText {
+    Number(f64),
+    Text(String),
+}
+
+/// A value by itself, or a list.
+fn one_or_more<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<LeastAccuracy>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Given {
+        One(LeastAccuracy),
+        More(Vec<LeastAccuracy>),
+    }
+    Ok(match Given::deserialize(deserializer)? {
+        Given::One(one) => vec![one],
+        Given::More(more) => more,
+    })
 }
 
 /// Views that the result is measured in. Training has its own.
@@ -136,6 +211,10 @@ pub(crate) struct EvaluationSettings {
     #[arg(long = "evaluation-size", value_name = "WIDTHxHEIGHT", value_parser = parse_size, hide = true)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) frame_px: Option<(u32, u32)>,
+    /// Films of each class of cameras that the result is measured in besides, each of 8 frames once around the scene; 0
+    /// for none
+    #[arg(long, value_name = "N", hide = true)]
+    pub(crate) class_films: u32,
 }
 
 impl Default for EvaluationSettings {
@@ -148,6 +227,7 @@ impl Default for EvaluationSettings {
             interpolate: None,
             closed: false,
             frame_px: None,
+            class_films: 2,
         }
     }
 }

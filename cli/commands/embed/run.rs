@@ -76,7 +76,8 @@ pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineEr
         embedding.restore(&checkpoint)?;
     }
     let embedded = train(embedding, common, Some(Checkpoints { path: &checkpoint, every }))?;
-    let delivery = Delivery { subject, config, embedded: &embedded, input: path, payload: inputs.payload };
+    let Inputs { payload, class_films, .. } = inputs;
+    let delivery = Delivery { subject, config, embedded: &embedded, input: path, payload, class_films };
     let (evaluation, _) = delivery::write(out.path(), &delivery, cameras)?;
     out.commit()?;
     checkpoint::remove(&checkpoint);

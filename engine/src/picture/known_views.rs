@@ -43,7 +43,7 @@ const USUAL: [f64; 2] = [0.06, 0.12];
 pub struct KnownViews {
     /// `[M, T, T, 3]`, as differences from the border's colour in \[-1, 1\].
     pub thumbnails: Vec<f32>,
-    /// `[M, 3]`, see [`PLACEMENT_LEN`].
+    /// `[M, 4]`, see [`PLACEMENT_LEN`].
     pub placements: Vec<f32>,
 }
 

@@ -6,7 +6,9 @@ use std::path::Path;
 
 use serde_json::to_value;
 
+use super::classes::ClassFilms;
 use super::evaluate::{Evaluation, HeldOut};
+use super::gate::Gate;
 use super::receipt::{
     Anchor, BitAccuracies, DeviceRecord, Figures, FileRecord, Promise, Receipt, ReceiptBody, Repeatability, Tool,
 };
@@ -19,7 +21,8 @@ use crate::evidence::id_code::IdBits;
 use crate::evidence::thresholds::Thresholds;
 use crate::media::png::write_png_folder;
 use crate::networks::lpips::Lpips;
-use crate::scene::CameraSet;
+use crate::scene::camera::paths::Lens;
+use crate::scene::{CameraSet, FrameSize};
 use crate::watermark::embed::{EmbedConfig, Embedded, Subject};
 use crate::watermark::extractor::reader;
 use crate::watermark::key::owner_key::Key;
@@ -48,6 +51,8 @@ pub struct Delivery<'a> {
     pub input: &'a Path,
     /// Kind of id that the message carries, if it does.
     pub payload: Option<IdBits>,
+    /// Films of each class of cameras that the mark is measured in.
+    pub class_films: u32,
 }
 
 /// Writes everything into the existing folder `out`, the receipt last, and evaluates the mark on `cameras`. Returns the
@@ -67,6 +72,7 @@ pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result
     if let Some(id_bits) = delivery.payload {
         evaluation.count_ids(id_bits, &subject.key.prf(), subject.message)?;
     }
+    evaluation.classes = class_films(delivery)?.measure(*subject, &stored, &embedded.extractor)?;
     if let Some(term) = &config.objective.lpips {
         evaluation.lpips = Some(held_out.lpips(&Lpips::new(device, term.network.get()?, term.input)?)?);
     }
@@ -128,6 +134,14 @@ pub fn signer_of(key: &Key, asset: Digest) -> Result<SigningKey, EngineError> {
     key.signing_key().ok_or_else(|| refused("a disclosed key, which signs nothing".to_owned()))
 }
 
+fn class_films(delivery: &Delivery<'_>) -> Result<ClassFilms, EngineError> {
+    let views = &delivery.config.views;
+    let Subject { key, model, .. } = delivery.subject;
+    let lens = Lens { fov_x_rad: views.fov_deg.to_radians(), size: FrameSize::new(views.size_px.0, views.size_px.1)? };
+    let fpr = Gate::for_bits(key.bits()).fpr;
+    Ok(ClassFilms { look_at: views.look_at(model), lens, films: delivery.class_films, fpr })
+}
+
 fn promise(delivery: &Delivery<'_>) -> Result<Promise, EngineError> {
     let Subject { key, message, model, .. } = delivery.subject;
     let prf = key.prf();
@@ -165,5 +179,6 @@ fn figures(evaluation: &Evaluation) -> Figures {
             clean: Some(evaluation.clean),
             noisy: Some(evaluation.noisy),
         },
+        classes: evaluation.classes.clone(),
     }
 }

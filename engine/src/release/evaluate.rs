@@ -1,9 +1,11 @@
 //! What a mark is worth on frames that nobody trained on: 8-bit pictures of unseen views and times.
 
+use std::collections::BTreeMap;
+
 use guard4d_kernels::Device;
 use guard4d_kernels::image::resize::ImageSize;
 use rand_chacha::ChaCha20Rng;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::base::prf::{Prf, Purpose, standard_normal};
 use crate::error::EngineError;
@@ -19,6 +21,7 @@ use crate::networks::lpips::{Lpips, LpipsPass, size_of_frame};
 use crate::picture::colour_difference::{ColourDifference, pixels_within};
 use crate::picture::metrics::{Picture, PsnrSummary, SquaredError, foreground, ssim};
 use crate::render::SceneRenderer;
+use crate::scene::camera::classes::CameraClass;
 use crate::scene::{Camera, CameraSet, Gaussians, Model};
 use crate::watermark::extractor::reader::Reader;
 use crate::watermark::extractor::rotation::KeyRotation;
@@ -73,6 +76,11 @@ pub struct Evaluation {
     /// p-value of each marked clip alone, by the soft score, times the rotations that there were to choose from; for
     /// `joint` what it would be if R had not seen the message.
     pub p_values: Vec<f64>,
+    /// What films of each class of cameras showed; left out where they were not measured. See [`ClassFilms`].
+    ///
+    /// [`ClassFilms`]: super::classes::ClassFilms
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub classes: BTreeMap<CameraClass, ClassFigure>,
     /// Share of the message's bits that clean clips show.
     pub clean: f64,
     /// The same count against what chance gives.
@@ -96,6 +104,21 @@ pub struct Evaluation {
     /// Mean LPIPS of the 8-bit frames, when a network for it was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lpips: Option<f64>,
+}
+
+/// What was measured in the films of one class.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClassFigure {
+    /// Films, each once around the asset.
+    pub films: u32,
+    /// Frames of each, spread over the motion.
+    pub frames: u32,
+    /// Share of bits right: mean over films, logits averaged over a film first.
+    pub bit_accuracy: f64,
+    /// Share of the films that each prove the message alone, at the rate of the gate's decision rule; for `joint` what
+    /// it would be if R had not seen the message.
+    pub proven: f64,
 }
 
 impl HeldOut {
@@ -216,6 +239,7 @@ impl HeldOut {
             ids: None,
             readings: marked,
             p_values,
+            classes: BTreeMap::new(),
             clean: mean_accuracy(&clean, message)?,
             clean_leak: chance_deviation(&clean, message)?,
             clean_bits: PerBit::of(&clean, message)?,

@@ -1,5 +1,6 @@
 //! Whether an embedding is as good as its owner asked for.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::Serialize;
@@ -8,6 +9,7 @@ use super::evaluate::Evaluation;
 use crate::error::EngineError;
 use crate::evidence::statistics::match_p_value;
 use crate::evidence::thresholds::Thresholds;
+use crate::scene::camera::classes::CameraClass;
 use crate::watermark::embed::Aim;
 
 /// A mean of fractions may lie this much below its true value.
@@ -16,7 +18,7 @@ const ROUNDING: f64 = 1e-9;
 const MIN_PROVEN: f64 = 0.5;
 
 /// Least quality on held-out 8-bit frames.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Gate {
     /// Least share of marked clips that each prove the message alone.
     pub min_proven: f64,
@@ -24,6 +26,8 @@ pub struct Gate {
     pub fpr: f64,
     /// Least share of bits right on marked clips; none asks for nothing.
     pub min_accuracy: Option<f64>,
+    /// Least share of bits right in films of some classes of cameras.
+    pub min_class_accuracy: BTreeMap<CameraClass, f64>,
     /// Least whole-frame PSNR, mean over views, in dB; none asks for nothing.
     pub min_psnr_db: Option<f64>,
 }
@@ -36,6 +40,8 @@ pub enum Figure {
     Proven,
     /// Share of bits right on marked clips.
     BitAccuracy,
+    /// Share of bits right in films of a class of cameras.
+    ClassAccuracy(CameraClass),
     /// Whole-frame PSNR, mean over views, in dB.
     Psnr,
 }
@@ -64,7 +70,7 @@ impl Gate {
     pub fn after_search(bits: usize, searched: u32) -> Self {
         let length = u32::try_from(bits).unwrap_or(u32::MAX);
         let fpr = (Thresholds::for_bits(bits).fpr / f64::from(searched)).max(match_p_value(length, length));
-        Self { min_proven: MIN_PROVEN, fpr, min_accuracy: None, min_psnr_db: None }
+        Self { min_proven: MIN_PROVEN, fpr, min_accuracy: None, min_class_accuracy: BTreeMap::new(), min_psnr_db: None }
     }
 
     /// What training that ends in time aims at: what the gate asks for, of half of the clips that it lets fail besides,
@@ -87,7 +93,8 @@ impl Gate {
             ("least share of clips that prove", self.min_proven),
             ("least bit accuracy", self.min_accuracy.unwrap_or(0.0)),
         ];
-        for (what, share) in shares {
+        let in_class = self.min_class_accuracy.values().map(|share| ("least bit accuracy of a class", *share));
+        for (what, share) in shares.into_iter().chain(in_class) {
             if !(0.0..=1.0).contains(&share) {
                 return usage(what, share, "a share from 0 to 1");
             }
@@ -104,12 +111,18 @@ impl Gate {
         let proven = (Figure::Proven, evaluation.proven(self.fpr), Some(self.min_proven));
         let accuracy = (Figure::BitAccuracy, evaluation.marked, self.min_accuracy);
         let psnr = (Figure::Psnr, evaluation.psnr.mean_of_views_db.0, self.min_psnr_db);
+        // What was not measured falls short.
+        let measured =
+            |class: &CameraClass| evaluation.classes.get(class).map_or(f64::NAN, |figure| figure.bit_accuracy);
+        let of_class =
+            |(class, share): (&CameraClass, &f64)| (Figure::ClassAccuracy(*class), measured(class), Some(*share));
+        let classes = self.min_class_accuracy.iter().map(of_class);
         let short = |(field, got, bound): (Figure, f64, Option<f64>)| {
             let expected = bound?;
             let is_met = got + ROUNDING >= expected;
             (!is_met).then_some(Shortfall { field, got, expected })
         };
-        [proven, accuracy, psnr].into_iter().filter_map(short).collect()
+        [proven, accuracy].into_iter().chain(classes).chain([psnr]).filter_map(short).collect()
     }
 }
 
@@ -124,6 +137,10 @@ impl fmt::Display for Shortfall {
             }
             Figure::BitAccuracy => {
                 write!(f, "bits right on marked clips: {}, expected at least {}", percent(got), percent(expected))
+            }
+            Figure::ClassAccuracy(class) => {
+                let (got, expected) = (percent(got), percent(expected));
+                write!(f, "bits right in films of the class `{class}`: {got}, expected at least {expected}")
             }
             Figure::Psnr => write!(f, "PSNR of whole frames: {got:.2} dB, expected at least {expected:.2} dB"),
         }

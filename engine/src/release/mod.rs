@@ -1,5 +1,6 @@
 //! What leaves the house, and what is kept: marked models, receipts, measurements, undo.
 
+pub mod classes;
 pub mod dating;
 pub mod delivery;
 pub mod disclosure;

@@ -8,6 +8,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::evaluate::ClassFigure;
 use crate::base::digest::Digest;
 use crate::base::files::bad_data;
 use crate::base::prf::{KeyId, Prf};
@@ -18,6 +19,7 @@ use crate::evidence::id_code::IdBits;
 use crate::evidence::message::Message;
 use crate::evidence::thresholds::Thresholds;
 use crate::picture::metrics::PsnrSummary;
+use crate::scene::camera::classes::CameraClass;
 use crate::watermark::key::owner_key::Key;
 
 /// Domain of the commitment hash of receipts that bind their reader, and of those from before.
@@ -168,7 +170,7 @@ pub struct BitAccuracies {
 }
 
 /// Measured quality of the result.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Figures {
     /// Marked against unmarked render.
@@ -181,6 +183,9 @@ pub struct Figures {
     pub lpips: Option<f64>,
     /// Bits read correctly.
     pub bit_accuracy: BitAccuracies,
+    /// Bits read correctly in films of each class of cameras; none in receipts from before these were measured.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub classes: BTreeMap<CameraClass, ClassFigure>,
 }
 
 /// Whether running again on the same device gives the same bytes.
@@ -365,7 +370,7 @@ fn signed(commitment: &Digest) -> Vec<u8> {
 
 /// JSON writes NaN and infinity as `null`, where they would look like "not measured".
 fn check_finite(body: &ReceiptBody) -> Result<(), EngineError> {
-    let Figures { ssim, lpips, bit_accuracy: bits, .. } = body.figures;
+    let Figures { ssim, lpips, bit_accuracy: bits, ref classes, .. } = body.figures;
     let rule = body.promise.thresholds;
     let figures = [
         ("ssim", Some(ssim)),
@@ -378,8 +383,10 @@ fn check_finite(body: &ReceiptBody) -> Result<(), EngineError> {
         ("threshold absent_above", Some(rule.absent_above)),
         ("threshold control_level", Some(rule.control_level)),
     ];
+    let in_class = classes.values().flat_map(|class| [class.bit_accuracy, class.proven]);
+    let in_class = in_class.map(|share| ("films of a class", Some(share)));
     let seconds = body.seconds.iter().map(|(stage, &s)| (stage.as_str(), Some(s)));
-    for (what, value) in figures.into_iter().chain(seconds) {
+    for (what, value) in figures.into_iter().chain(in_class).chain(seconds) {
         if let Some(got) = value.filter(|v| !v.is_finite()) {
             let what = format!("receipt figure `{what}`");
             return Err(EngineError::NotFinite { what, got });

@@ -1,6 +1,7 @@
 //! Cameras: their files, those made by rule, flights through them, and what they see.
 
 mod cameras;
+mod classes;
 mod files;
 mod flight;
 mod paths;
