@@ -158,8 +158,14 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     note(common, "3/4 render: 8-bit frames of views and times that training never saw");
     let mut cameras = scene.cameras(config.views.size_px)?;
     cameras.views.truncate(args.short.frames.unwrap_or(usize::MAX));
-    let (config, embedded, input) = (&config, &embedded, Path::new(INPUT));
-    let delivery = Delivery { subject, config, embedded, input, payload: None, class_films: 0 };
+    let delivery = Delivery {
+        subject,
+        config: &config,
+        embedded: &embedded,
+        input: Path::new(INPUT),
+        payload: None,
+        class_films: 0,
+    };
     let rendered = timed(&mut seconds, "render", || render(&delivery, &cameras, out.path()))?;
 
     stop::check()?;
