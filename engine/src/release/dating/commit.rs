@@ -28,8 +28,9 @@ pub fn commit(paths: &[PathBuf], out: &Path, existing: Existing) -> Result<Root,
         }
     }
     let root = Root::new(places.keys().copied().collect())?;
-    for target in places.values().map(PathBuf::as_path).chain([out]) {
-        drop(AtomicFile::create(target, existing)?);
+    // In the order that was given, so that the first that is in the way is named.
+    for target in paths.iter().map(|path| Proof::beside(path)).chain([out.to_owned()]) {
+        drop(AtomicFile::create(&target, existing)?);
     }
     // Both are in the order of the commitments.
     for (proof, target) in root.proofs().iter().zip(places.values()) {
