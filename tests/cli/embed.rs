@@ -223,6 +223,7 @@ fn impossible_gates_and_settings_are_refused_before_work() {
     small
         .run("out", &["--min-accuracy", "above:0.9", "--class-films", "0"])
         .refused(2, &["least bit accuracy of a class", "class-films 0", "at least one film"]);
+    small.run("out", &["--class-films", "4000000000"]).refused(2, &["class-films: 4000000000", "at most 100"]);
     small.run("out", &["--min-psnr", "inf"]).refused(2, &["least PSNR: inf"]);
     small.run("out", &["--target-psnr", "10"]).refused(2, &["target PSNR: 10"]);
     small.run("out", &["--control-every", "0"]).refused(2, &["control_every: 0", "at least 1"]);

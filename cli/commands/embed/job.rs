@@ -11,6 +11,9 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
 use crate::flags::size::parse_size;
 
+/// Films of each class that are measured, at most: they are held in memory together.
+const MOST_CLASS_FILMS: u32 = 100;
+
 /// Settings of a run, beside those of the mark.
 #[derive(Args, Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -233,7 +236,7 @@ impl Default for EvaluationSettings {
 }
 
 impl EvaluationSettings {
-    /// Refuses what needs what is not there.
+    /// Refuses what needs what is not there, and more films than anybody waits for.
     pub(crate) fn validate(&self) -> Result<(), EngineError> {
         let lacks = |what: &str, needs: &str| {
             let (got, expected) = (format!("no {needs}"), format!("{needs} beside it"));
@@ -242,6 +245,11 @@ impl EvaluationSettings {
         match self {
             Self { interpolate: Some(_), cameras: None, .. } => lacks("interpolate", "cameras"),
             Self { closed: true, interpolate: None, .. } => lacks("closed", "interpolate"),
+            Self { class_films: films, .. } if *films > MOST_CLASS_FILMS => Err(EngineError::Usage {
+                what: "class-films".to_owned(),
+                got: films.to_string(),
+                expected: format!("at most {MOST_CLASS_FILMS}"),
+            }),
             _ => Ok(()),
         }
     }
