@@ -2,9 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::evaluate::{ClassFigure, mean_accuracy, read_clips};
+use super::evaluate::{ClassFigure, mean_accuracy, p_values, read_clips, share_proving};
 use crate::error::EngineError;
-use crate::evidence::id_code::SearchedP;
 use crate::evidence::message::Message;
 use crate::evidence::reading::Reading;
 use crate::media::Frame;
@@ -81,16 +80,11 @@ impl ClassFilms {
         message: &Message,
         extractor: &ExtractorWeights,
     ) -> Result<ClassFigure, EngineError> {
-        let mut proven = 0.0;
-        for reading in readings {
-            let p = SearchedP::of(reading, message, extractor.key_rotation.of)?.soft_score;
-            proven += f64::from(u8::from(p <= self.fpr));
-        }
         Ok(ClassFigure {
             films: self.films,
             frames: FRAMES,
             bit_accuracy: mean_accuracy(readings, message)?,
-            proven: proven / readings.len().max(1) as f64,
+            proven: share_proving(&p_values(readings, message, extractor.key_rotation)?, self.fpr),
         })
     }
 }

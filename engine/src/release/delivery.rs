@@ -21,8 +21,7 @@ use crate::evidence::id_code::IdBits;
 use crate::evidence::thresholds::Thresholds;
 use crate::media::png::write_png_folder;
 use crate::networks::lpips::Lpips;
-use crate::scene::camera::paths::Lens;
-use crate::scene::{CameraSet, FrameSize};
+use crate::scene::CameraSet;
 use crate::watermark::embed::{EmbedConfig, Embedded, Subject};
 use crate::watermark::extractor::reader;
 use crate::watermark::key::owner_key::Key;
@@ -137,9 +136,8 @@ pub fn signer_of(key: &Key, asset: Digest) -> Result<SigningKey, EngineError> {
 fn class_films(delivery: &Delivery<'_>) -> Result<ClassFilms, EngineError> {
     let views = &delivery.config.views;
     let Subject { key, model, .. } = delivery.subject;
-    let lens = Lens { fov_x_rad: views.fov_deg.to_radians(), size: FrameSize::new(views.size_px.0, views.size_px.1)? };
     let fpr = Gate::for_bits(key.bits()).fpr;
-    Ok(ClassFilms { look_at: views.look_at(model), lens, films: delivery.class_films, fpr })
+    Ok(ClassFilms { look_at: views.look_at(model), lens: views.lens()?, films: delivery.class_films, fpr })
 }
 
 fn promise(delivery: &Delivery<'_>) -> Result<Promise, EngineError> {

@@ -224,8 +224,7 @@ impl HeldOut {
         let clean = read_clips(&mut reader, &self.clean, key.bits())?;
         let noisy = read_clips(&mut reader, &noisy, key.bits())?;
         let matches = marked.iter().map(|r| r.matches(message)).collect::<Result<Vec<_>, _>>()?;
-        let p_of = |r: &Reading| SearchedP::of(r, message, extractor.key_rotation.of).map(|p| p.soft_score);
-        let p_values = marked.iter().map(p_of).collect::<Result<Vec<_>, _>>()?;
+        let p_values = p_values(&marked, message, extractor.key_rotation)?;
         let frames = marked.iter().map(|r| r.frame_accuracy(message)).collect::<Result<Vec<_>, _>>()?;
         let accuracy = mean_accuracy(&marked, message)?;
         Ok(Evaluation {
@@ -293,8 +292,25 @@ impl Evaluation {
     /// Share of the marked clips that each prove the message alone, at a false-positive rate of `fpr`.
     #[must_use]
     pub fn proven(&self, fpr: f64) -> f64 {
-        self.p_values.iter().filter(|&&p| p <= fpr).count() as f64 / self.p_values.len().max(1) as f64
+        share_proving(&self.p_values, fpr)
     }
+}
+
+/// p-value of each reading alone, by the soft score, times the rotations that there were to choose from.
+///
+/// # Errors
+/// [`EngineError::Usage`] when lengths differ.
+pub(super) fn p_values(
+    readings: &[Reading],
+    message: &Message,
+    key_rotation: KeyRotation,
+) -> Result<Vec<f64>, EngineError> {
+    readings.iter().map(|r| SearchedP::of(r, message, key_rotation.of).map(|p| p.soft_score)).collect()
+}
+
+/// Share of the p-values that are no larger than `fpr`.
+pub(super) fn share_proving(p_values: &[f64], fpr: f64) -> f64 {
+    p_values.iter().filter(|&&p| p <= fpr).count() as f64 / p_values.len().max(1) as f64
 }
 
 /// Readings of clips, one each.

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use glam::{DMat3, DVec3, Mat4};
+use glam::{DMat4, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::cameras::{Camera, CameraSet, FrameSize};
@@ -103,8 +103,7 @@ impl CameraClass {
 
 /// The camera turned clockwise about its line of sight.
 fn rolled(camera: Camera, angle_rad: f64) -> Camera {
-    let turn = DMat3::from_rotation_z(-angle_rad);
-    Camera { world_to_camera: Mat4::from_mat3(turn.as_mat3()) * camera.world_to_camera, ..camera }
+    Camera { world_to_camera: DMat4::from_rotation_z(-angle_rad).as_mat4() * camera.world_to_camera, ..camera }
 }
 
 /// A frame of as many pixels in another shape; even sides, as films have them.

@@ -15,7 +15,7 @@ use crate::base::numbers::narrow;
 use crate::base::prf::uniform_unit;
 use crate::error::EngineError;
 use crate::render::deform::DeformField;
-use crate::scene::camera::paths::{Band, Lens};
+use crate::scene::camera::paths::Band;
 use crate::scene::{Camera, CameraSet, Model, View};
 use crate::watermark::extractor::weights::CLIP_FRAMES;
 
@@ -42,13 +42,13 @@ pub(super) fn shots(
     rng: &mut ChaCha20Rng,
 ) -> Result<Vec<Vec<(Camera, f32)>>, EngineError> {
     let (views, Draws { clips, seed }) = (&config.views, draws);
-    let (size, look_at) = (crate::scene::FrameSize::new(views.size_px.0, views.size_px.1)?, views.look_at(model));
+    let look_at = views.look_at(model);
     let band = Band {
         azimuth_deg: 0.0..=360.0,
         elevation_deg: views.elevation_deg.0..=views.elevation_deg.1,
         radius: look_at.radius..=look_at.radius,
         target: look_at.target.as_vec3(),
-        lens: Lens { fov_x_rad: views.fov_deg.to_radians(), size },
+        lens: views.lens()?,
     };
     let frames = u32::try_from(CLIP_FRAMES).expect("a clip is a handful of frames");
     let per_clip = if films { 1 } else { CLIP_FRAMES };

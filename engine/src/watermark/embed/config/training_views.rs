@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use super::parse::{check, point, range, single, size, word};
 use crate::error::EngineError;
-use crate::scene::{LookAt, Model};
+use crate::scene::camera::paths::Lens;
+use crate::scene::{FrameSize, LookAt, Model};
 
 /// Views that training takes: all around a point and looking at it. A part of the scene that they do not see is not
 /// marked.
@@ -82,6 +83,15 @@ impl TrainingViews {
     #[must_use]
     pub fn looking_at(self, look_at: LookAt) -> Self {
         Self { target: Some(look_at.target.to_array()), radius: Some(look_at.radius), ..self }
+    }
+
+    /// What they look through.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for a size that no image has.
+    pub fn lens(&self) -> Result<Lens, EngineError> {
+        let (width, height) = self.size_px;
+        Ok(Lens { fov_x_rad: self.fov_deg.to_radians(), size: FrameSize::new(width, height)? })
     }
 
     /// Size of training frames.
