@@ -7,7 +7,7 @@ use guard4d_engine::evidence::judgement::PStatement;
 use guard4d_engine::evidence::negative_controls::PooledResult;
 use guard4d_engine::evidence::other_keys::OtherKeysResult;
 use guard4d_engine::media::framing::Rect;
-use guard4d_engine::picture::known_views::Framings;
+use guard4d_engine::picture::part::Framings;
 use guard4d_engine::picture::undo_guess::UndoGuess;
 
 use super::dates::{date_in_words, not_shown, root_in_words};
@@ -191,12 +191,13 @@ fn cut_row(clip: &ClipReading) -> Option<Row> {
 
 /// How a film was framed, unless it was in no special way.
 pub(super) fn framed_row(clip: &ClipReading) -> Option<Row> {
-    let Framings { cut, usual, not_found } = &clip.framings;
+    let Framings { cut, turned, usual, not_found } = &clip.framings;
     if *cut == 0 && not_found.is_empty() {
         return None;
     }
     let mut words = Vec::new();
     words.extend((*cut > 0).then(|| format!("{cut} frames as training was")));
+    words.extend((*turned > 0).then(|| format!("{turned} of them turned upright")));
     words.extend((*usual > 0).then(|| format!("{usual} frames as they are, which is as training was")));
     words.extend(not_found.iter().map(|(why, frames)| format!("{frames} frames shown whole: {why}")));
     Some(("framed", format!("{}: {}", words.join("; "), clip.name)))

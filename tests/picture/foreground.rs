@@ -1,7 +1,7 @@
 //! What stands out in a frame: where it is, how far it is spread, and when nothing can be said.
 
 use guard4d_engine::media::Frame;
-use guard4d_engine::picture::foreground::{NotFound, Thing, border_colour, find};
+use guard4d_engine::picture::foreground::{NotFound, Thing, border_colour, find, without_corners};
 
 const GROUND: [u8; 3] = [240, 240, 235];
 
@@ -76,4 +76,52 @@ fn nothing_is_found_where_nothing_can_be_said() {
 #[test]
 fn the_border_has_its_commonest_colour() {
     assert_eq!(border_colour(&picture(40, 30, &[disc(20.0, 0.0, 6.0)])), GROUND, "a thing reaches it");
+}
+
+/// The frame turned counterclockwise about its middle, and put on black.
+pub(super) fn turned(frame: &Frame, degrees: f64) -> Frame {
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    let [width, height] = [frame.width(), frame.height()].map(f64::from);
+    let pixel = |at: u32| {
+        let (x, y) =
+            (f64::from(at % frame.width()) + 0.5 - width / 2.0, f64::from(at / frame.width()) + 0.5 - height / 2.0);
+        // Rows grow downwards.
+        let (x, y) = (cos * x - sin * y + width / 2.0, sin * x + cos * y + height / 2.0);
+        let is_inside = (0.0..width).contains(&x) && (0.0..height).contains(&y);
+        let at = if is_inside { (y as usize * frame.width() as usize + x as usize) * 3 } else { usize::MAX };
+        frame.rgb().get(at..at.saturating_add(3)).map_or([0; 3], |rgb| [rgb[0], rgb[1], rgb[2]])
+    };
+    Frame::new(frame.width(), frame.height(), (0..frame.width() * frame.height()).flat_map(pixel).collect())
+        .expect("the length fits")
+}
+
+#[test]
+fn what_a_turned_picture_was_put_on_is_no_part_of_it() {
+    let asset = disc(110.0, 90.0, 40.0);
+    for degrees in [5.0, -15.0, 30.0, 45.0] {
+        let turned = turned(&picture(240, 200, &[asset]), degrees);
+        assert_eq!(find(&turned), Err(NotFound::Cut), "{degrees}: black corners are cut by the edge");
+        let Thing { background, spread, .. } = find(&without_corners(&turned)).expect("it stands out");
+        assert_eq!(background, GROUND, "{degrees}");
+        assert!((spread / (asset.radius / 2.0_f64.sqrt()) - 1.0).abs() < 0.02, "{degrees}: {spread}");
+    }
+}
+
+#[test]
+fn pictures_that_fill_their_frame_stay_as_they_are() {
+    let corner = |x: f64, y: f64| Disc { middle: [x, y], radius: 30.0, colour: [0; 3] };
+    let corners = [corner(0.0, 0.0), corner(200.0, 0.0), corner(0.0, 160.0), corner(200.0, 160.0)];
+    let hall = Frame::new(60, 60, (0..3 * 60 * 60).map(|i| if i / 3 / 60 / 6 % 2 == 0 { 20 } else { 220 }).collect());
+    for (what, frame) in [
+        ("an asset", picture(200, 160, &[disc(90.0, 80.0, 40.0)])),
+        ("nothing", picture(20, 10, &[])),
+        ("three dark corners", picture(200, 160, &corners[..3])),
+        ("a room", hall.expect("it fits")),
+        ("a pixel", picture(1, 1, &[])),
+    ] {
+        assert_eq!(*without_corners(&frame), frame, "{what}");
+    }
+    // Four corners of one colour are what a turned picture has.
+    let four = picture(200, 160, &[&corners[..], &[disc(100.0, 80.0, 30.0)]].concat());
+    assert_eq!(find(&without_corners(&four)).map(|thing| thing.background), Ok(GROUND));
 }

@@ -2,10 +2,12 @@
 
 use guard4d_engine::media::Frame;
 use guard4d_engine::picture::foreground::NotFound;
-use guard4d_engine::picture::known_views::{Framings, KnownViews, Part, Window, settle};
+use guard4d_engine::picture::known_views::KnownViews;
+use guard4d_engine::picture::part::{Framings, Look, Part, Window};
+use guard4d_engine::picture::settle::settle;
 use guard4d_kernels::image::resize::ImageSize;
 
-use super::foreground::{Disc, picture};
+use super::foreground::{Disc, picture, turned};
 
 const SIDE: u32 = 160;
 
@@ -34,7 +36,8 @@ fn size(frame: &Frame) -> ImageSize {
 /// Fails unless the window is where the trained frame lies, as near as what the asset is like from other views allows.
 #[track_caller]
 fn assert_framed(part: Part, middle: [f64; 2], side: f64) {
-    let Part::Window(Window { middle: found, sides }) = part else { panic!("{part:?}") };
+    let Part::Window(Window { middle: found, sides, turn_deg }) = part else { panic!("{part:?}") };
+    assert_eq!(turn_deg, 0.0, "it is upright");
     // Between known views the asset leans by half a tenth: less than 2 px of 160.
     let off = [0, 1].map(|i| (found[i] - middle[i]).abs() / side);
     assert!(off.iter().all(|off| *off < 0.02), "{found:?} instead of {middle:?}");
@@ -49,9 +52,9 @@ fn films_from_far_near_and_aside_are_framed_as_the_known_views() {
         [([400, 400], 1.2, [0.0, 0.0]), ([640, 360], 1.1, [150.0, -40.0]), ([200, 500], 0.9, [20.0, 130.0])]
     {
         let film: Vec<Frame> = (0..12).map(|i| asset(frame, 0.15 * f64::from(i) - 0.85, zoom, off)).collect();
-        let alone: Vec<Part> = film.iter().map(|frame| views.part(frame)).collect();
+        let looks: Vec<Look> = film.iter().map(|frame| views.look(frame)).collect();
         let middle = [0, 1].map(|i| f64::from(frame[i]) / 2.0 + off[i]);
-        for part in settle(&alone, size(&film[0])) {
+        for part in settle(&looks, size(&film[0])) {
             assert_framed(part, middle, zoom * f64::from(SIDE));
         }
     }
@@ -61,9 +64,44 @@ fn films_from_far_near_and_aside_are_framed_as_the_known_views() {
 fn a_film_that_is_framed_as_usual_is_shown_as_it_is() {
     let views = known();
     let film: Vec<Frame> = (0..8).map(|i| asset([SIDE; 2], 0.2 * f64::from(i) - 0.75, 1.0, [2.0, -3.0])).collect();
-    let alone: Vec<Part> = film.iter().map(|frame| views.part(frame)).collect();
-    assert!(alone.iter().all(|part| matches!(part, Part::Window(_))), "each by itself is cut: {alone:?}");
-    assert_eq!(settle(&alone, size(&film[0])), vec![Part::All; 8], "all together");
+    let looks: Vec<Look> = film.iter().map(|frame| views.look(frame)).collect();
+    assert!(looks.iter().all(|look| matches!(look, Look::Fits(_))), "it is found: {looks:?}");
+    assert_eq!(settle(&looks, size(&film[0])), vec![Part::All; 8], "all together");
+}
+
+#[test]
+fn a_turned_film_is_put_upright_wherever_the_asset_is_in_it() {
+    let views = known();
+    for degrees in [6.0, -12.0, 20.0, -33.0] {
+        for (zoom, off) in [(1.0, [0.0, 0.0]), (1.2, [30.0, -20.0])] {
+            let frame = |i: u32| turned(&asset([400, 400], 0.15 * f64::from(i) - 0.85, zoom, off), degrees);
+            let looks: Vec<Look> = (0..12).map(|i| views.look(&frame(i))).collect();
+            // Where the asset is after the turn; rows grow downwards.
+            let (sin, cos) = f64::to_radians(degrees).sin_cos();
+            let middle = [200.0 + cos * off[0] + sin * off[1], 200.0 + cos * off[1] - sin * off[0]];
+            for part in settle(&looks, ImageSize { height: 400, width: 400 }) {
+                let Part::Window(window) = part else { panic!("{degrees}: {part:?}") };
+                // A mark loses two hundredths of its bits to two degrees.
+                assert!((window.turn_deg - degrees).abs() < 2.0, "{degrees}: {window:?}");
+                assert_framed(Part::Window(Window { turn_deg: 0.0, ..window }), middle, zoom * f64::from(SIDE));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_turned_film_that_is_framed_as_usual_is_turned_about_its_middle() {
+    let views = known();
+    let looks =
+        (0..8).map(|i| views.look(&turned(&asset([SIDE; 2], 0.2 * f64::from(i) - 0.75, 1.0, [2.0, -3.0]), 15.0)));
+    let parts = settle(&looks.collect::<Vec<_>>(), ImageSize { height: 160, width: 160 });
+    for part in &parts {
+        let Part::Window(Window { middle, sides, turn_deg }) = *part else { panic!("{part:?}") };
+        assert_eq!((middle, sides), ([80.0; 2], [160.0; 2]), "all of it");
+        assert!((turn_deg - 15.0).abs() < 2.0, "{turn_deg}");
+    }
+    let framings = Framings::of(&parts);
+    assert_eq!((framings.cut, framings.turned, framings.usual), (8, 8, 0), "{framings:?}");
 }
 
 #[test]
@@ -72,8 +110,8 @@ fn a_cut_to_another_shot_is_not_averaged_over() {
     let frame = [400, 400];
     let film: Vec<Frame> =
         (0..12).map(|i| asset(frame, 0.1 * f64::from(i % 5) - 0.2, if i < 8 { 1.0 } else { 2.0 }, [0.0; 2])).collect();
-    let alone: Vec<Part> = film.iter().map(|frame| views.part(frame)).collect();
-    for (i, part) in settle(&alone, size(&film[0])).into_iter().enumerate() {
+    let looks: Vec<Look> = film.iter().map(|frame| views.look(frame)).collect();
+    for (i, part) in settle(&looks, size(&film[0])).into_iter().enumerate() {
         assert_framed(part, [200.0; 2], if i < 8 { 160.0 } else { 320.0 });
     }
 }
@@ -84,8 +122,8 @@ fn bad_frames_are_shown_whole_with_the_reason_and_do_not_move_the_others() {
     let mut film: Vec<Frame> = (0..9).map(|i| asset([400, 400], 0.1 * f64::from(i) - 0.4, 1.3, [30.0, 0.0])).collect();
     film[2] = picture(400, 400, &[]);
     film[5] = asset([400, 400], 0.0, 1.3, [200.0, 0.0]);
-    let alone: Vec<Part> = film.iter().map(|frame| views.part(frame)).collect();
-    let parts = settle(&alone, size(&film[0]));
+    let looks: Vec<Look> = film.iter().map(|frame| views.look(frame)).collect();
+    let parts = settle(&looks, size(&film[0]));
     assert_eq!(parts[2], Part::Fallback(NotFound::Nothing), "a plain frame");
     assert_eq!(parts[5], Part::Fallback(NotFound::Cut), "half of it is outside");
     for (_, part) in parts.iter().enumerate().filter(|(i, _)| ![2, 5].contains(i)) {
@@ -105,5 +143,5 @@ fn another_size_of_memory_is_infinitely_far_and_the_same_is_not() {
     assert!(apart.is_nan() || apart.is_infinite(), "{apart}");
     assert!(!fewer.add(&picture(50, 50, &[])) && fewer.len() == 1, "what does not stand out is not remembered");
     assert!(KnownViews::default().is_empty() && !fewer.is_empty(), "empty is empty");
-    assert!(matches!(KnownViews::default().part(&asset([SIDE; 2], 0.0, 1.0, [0.0; 2])), Part::Fallback(_)), "no view");
+    assert!(matches!(KnownViews::default().look(&asset([SIDE; 2], 0.0, 1.0, [0.0; 2])), Look::Nothing(_)), "no view");
 }

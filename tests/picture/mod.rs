@@ -5,4 +5,5 @@ mod distortion;
 mod foreground;
 mod known_views;
 mod metrics;
+mod part;
 mod undo_guess;

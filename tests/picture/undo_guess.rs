@@ -8,11 +8,14 @@ use guard4d_engine::evidence::reading::Reading;
 use guard4d_engine::media::Frame;
 use guard4d_engine::media::framing::Rect;
 use guard4d_engine::picture::distortion::{Distortion, DistortionChain};
+use guard4d_engine::picture::part::{Part, Window};
 use guard4d_engine::picture::undo_guess::{GuessSearch, UndoGuess};
 use guard4d_engine::watermark::extractor::calibration::Calibration;
 use guard4d_engine::watermark::extractor::reader::{ClipFeatures, Reader};
 use guard4d_engine::watermark::extractor::rotation::KeyRotation;
 use guard4d_engine::watermark::extractor::weights::ExtractorWeights;
+
+use guard4d_kernels::image::resize::ImageSize;
 
 use crate::support::close::largest;
 use crate::support::gpu::{Gpu, device};
@@ -133,6 +136,41 @@ fn a_film_without_its_edit_is_seen_nearly_as_it_was() {
     let elsewhere = UndoGuess { right: -0.05, below: 0.05, ..done };
     let [_, wrong] = distances(&mut reader, &green, &edited, elsewhere);
     assert!(wrong > 2.0 * near, "put back to the wrong side: {wrong}, to the right one {near}");
+}
+
+#[test]
+fn a_turned_part_is_seen_upright_and_guesses_are_undone_on_it() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    let mut reader = reader(&gpu, &owner);
+    let frame = picture([0.0; 3]);
+    let distorted = |chain: &str| {
+        let distortions: Vec<Distortion> = chain.split(',').map(|text| text.parse().expect("well written")).collect();
+        let mut attack =
+            DistortionChain::new(&gpu, (frame.width(), frame.height()), &distortions, 0).expect("prepares");
+        attack.apply(&frame, 0).expect("runs")
+    };
+    let mut seen = |frame: &Frame, guess: UndoGuess, turn_deg: f64| {
+        let size = ImageSize { height: frame.height() as usize, width: frame.width() as usize };
+        let part = Part::Window(Window { turn_deg, ..Window::whole(size) });
+        let mut feature_stream = reader.stream(&[guess], vec![part]);
+        feature_stream.push(frame.clone()).expect("sees");
+        feature_stream.finish().expect("sees").swap_remove(0)
+    };
+    let original = seen(&frame, UndoGuess::NONE, 0.0);
+    for (chain, guess, turn_deg) in [
+        ("rotation:15", UndoGuess::NONE, 15.0),
+        ("rotation:-28", UndoGuess::NONE, -28.0),
+        ("mirror,rotation:12", UndoGuess { mirror: true, ..UndoGuess::NONE }, 12.0),
+    ] {
+        let edited = distorted(chain);
+        let far = distance(&seen(&edited, UndoGuess::NONE, 0.0), &original);
+        let near = distance(&seen(&edited, guess, turn_deg), &original);
+        // What remains is two samplings and roundings to 8 bits.
+        assert!(near < 0.3 * far, "{chain}: {near} from the original instead of {far}");
+        let wrong = distance(&seen(&edited, guess, -turn_deg), &original);
+        assert!(wrong > 2.0 * near, "{chain}: turned the wrong way {wrong}, the right way {near}");
+    }
 }
 
 /// Whoever may choose among readings that have nothing to do with the message is right by chance as often as the

@@ -10,7 +10,8 @@ use crate::base::observer::{Observer, Progress};
 use crate::error::EngineError;
 use crate::media::framing::{Framing, Rect};
 use crate::media::{Frame, FrameSource, Integrity, ReadOptions};
-use crate::picture::known_views::{Framings, Part, settle};
+use crate::picture::part::{Framings, Part};
+use crate::picture::settle::settle;
 use crate::picture::undo_guess::UndoGuess;
 use crate::render::SceneRenderer;
 use crate::scene::{CameraSet, Model};
@@ -112,13 +113,13 @@ impl<'a> ClipReader<'a> {
     /// What of each frame is shown. Where that depends on the frames around it, a video is decoded once more for it.
     fn parts(&mut self, source: &FrameSource, name: &str, total: Option<u64>) -> Result<Vec<Part>, EngineError> {
         let Some(views) = self.reader.known_views() else { return Ok(Vec::new()) };
-        let mut alone = Vec::new();
+        let mut looks = Vec::new();
         let ending = source.for_each(&mut |frame| {
-            alone.push(views.part(&frame));
-            self.observer.observe(Progress { stage: name, done: alone.len() as u64, total })
+            looks.push(views.look(&frame));
+            self.observer.observe(Progress { stage: name, done: looks.len() as u64, total })
         })?;
         let (width, height) = ending.size_px;
-        Ok(settle(&alone, ImageSize { height: height as usize, width: width as usize }))
+        Ok(settle(&looks, ImageSize { height: height as usize, width: width as usize }))
     }
 
     /// Frames in memory.

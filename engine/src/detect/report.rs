@@ -17,7 +17,7 @@ use crate::evidence::message::Message;
 use crate::evidence::reading::Reading;
 use crate::media::ReadOptions;
 use crate::media::framing::{Crop, Rect};
-use crate::picture::known_views::Framings;
+use crate::picture::part::Framings;
 use crate::picture::undo_guess::UndoGuess;
 use crate::release::dating::standing::Standing;
 use crate::release::receipt::{Promise, Schema};

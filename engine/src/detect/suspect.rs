@@ -10,7 +10,7 @@ use crate::error::EngineError;
 use crate::evidence::reading::Reading;
 use crate::media::framing::Rect;
 use crate::media::{Frame, Integrity};
-use crate::picture::known_views::Framings;
+use crate::picture::part::Framings;
 use crate::picture::undo_guess::UndoGuess;
 use crate::scene::{CameraSet, Model};
 use crate::watermark::extractor::reader::ClipFeatures;

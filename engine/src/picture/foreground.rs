@@ -1,5 +1,6 @@
 //! What stands out from a plain background, found from a frame alone.
 
+use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::fmt;
 
@@ -27,6 +28,16 @@ const MOST_CUT_SPREADS: f64 = 1.5;
 /// Largest share of the border that stands out. At 0.07 the square was within 4 % of where it belongs (measured: robot
 /// from 0.7 times the distance).
 const MOST_CUT: f64 = 0.15;
+/// Side of the corners that tell what a turned picture was put on.
+const CORNER_PX: usize = 4;
+/// Distance from the colour of the corners, in levels, up to which a pixel belongs to them: what codecs do to a plain
+/// colour, with some room.
+const SAME_LEVELS: u8 = 12;
+/// Largest share of a frame that lies outside of a picture that was turned in it, with some room: 17 % at 45 degrees.
+const MOST_OUTSIDE: f64 = 0.2;
+/// Pixels between what lies outside and the picture, in which codecs and sampling mix both.
+const BLENDED_PX: usize = 3;
+
 /// A thing in a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Thing {
@@ -66,17 +77,98 @@ impl fmt::Display for NotFound {
 pub fn border_colour(frame: &Frame) -> [u8; 3] {
     let along: Vec<&[u8]> =
         frame.rgb().chunks_exact(3).zip(on_border(frame)).filter_map(|(p, on)| on.then_some(p)).collect();
-    std::array::from_fn(|channel| {
-        let mut levels: Vec<u8> = along.iter().map(|rgb| rgb[channel]).collect();
-        let middle = levels.len() / 2;
-        *levels.select_nth_unstable(middle).1
-    })
+    median(&along).expect("a frame has a border")
 }
 
 fn on_border(frame: &Frame) -> impl Iterator<Item = bool> {
     let (width, height) = (frame.width() as usize, frame.height() as usize);
     let is_near = |at: usize, side: usize| at < BORDER_PX || side - at <= BORDER_PX;
     (0..width * height).map(move |i| is_near(i % width, width) || is_near(i / width, height))
+}
+
+/// The frame without what a picture was put on that was turned in it: where all four corners have one colour, which is
+/// not that of the border between them, what of this colour hangs together with a corner gets the border's.
+///
+/// ```
+/// # use guard4d_engine::media::Frame;
+/// # use guard4d_engine::picture::foreground::without_corners;
+/// let plain = Frame::new(8, 8, vec![200; 8 * 8 * 3]).expect("a frame");
+/// assert_eq!(*without_corners(&plain), plain);
+/// ```
+#[must_use]
+pub fn without_corners(frame: &Frame) -> Cow<'_, Frame> {
+    let Some(outside) = outside(frame) else { return Cow::Borrowed(frame) };
+    let border = frame.rgb().chunks_exact(3).zip(on_border(frame)).zip(&outside);
+    let seen: Vec<&[u8]> = border.filter_map(|((pixel, on), out)| (on && !out).then_some(pixel)).collect();
+    let (Some(ground), corner) = (median(&seen), &frame.rgb()[..3]) else { return Cow::Borrowed(frame) };
+    if largest_difference(&ground, corner) <= SAME_LEVELS {
+        return Cow::Borrowed(frame);
+    }
+    let mut rgb = frame.rgb().to_vec();
+    rgb.chunks_exact_mut(3)
+        .zip(&outside)
+        .filter(|(_, out)| **out)
+        .for_each(|(pixel, _)| pixel.copy_from_slice(&ground));
+    Frame::new(frame.width(), frame.height(), rgb).map_or(Cow::Borrowed(frame), Cow::Owned)
+}
+
+/// Pixels that hang together with a corner and have its colour, and those next to them; none if the corners differ, or
+/// if it is most of the frame, as where the corners are background.
+fn outside(frame: &Frame) -> Option<Vec<bool>> {
+    let (width, height) = (frame.width() as usize, frame.height() as usize);
+    let pixel = |at: usize| &frame.rgb()[3 * at..3 * at + 3];
+    let corners = [0, width - 1, (height - 1) * width, height * width - 1];
+    let colour = median(&corners.map(pixel))?;
+    let in_corner = |at: &usize| {
+        let near = |at: usize, side: usize| at < CORNER_PX || side - at <= CORNER_PX;
+        near(at % width, width) && near(at / width, height)
+    };
+    if !(0..width * height).filter(in_corner).all(|at| largest_difference(&colour, pixel(at)) <= SAME_LEVELS) {
+        return None;
+    }
+    let mut outside = vec![false; width * height];
+    let (mut waiting, mut beside, mut count) = (VecDeque::from(corners), Vec::new(), 0.0);
+    while let Some(at) = waiting.pop_front() {
+        if outside[at] {
+            continue;
+        }
+        if largest_difference(&colour, pixel(at)) > SAME_LEVELS {
+            beside.push(at);
+            continue;
+        }
+        outside[at] = true;
+        count += 1.0;
+        if count > MOST_OUTSIDE * (width * height) as f64 {
+            return None;
+        }
+        let (column, row) = (at % width, at / width);
+        waiting.extend((column > 0).then(|| at - 1));
+        waiting.extend((column + 1 < width).then_some(at + 1));
+        waiting.extend((row > 0).then(|| at - width));
+        waiting.extend((row + 1 < height).then_some(at + width));
+    }
+    let reach = |at: usize, side: usize| at.saturating_sub(BLENDED_PX)..(at + BLENDED_PX + 1).min(side);
+    for at in beside {
+        for row in reach(at / width, height) {
+            reach(at % width, width).for_each(|column| outside[row * width + column] = true);
+        }
+    }
+    Some(outside)
+}
+
+fn largest_difference(a: &[u8], b: &[u8]) -> u8 {
+    a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0)
+}
+
+/// Of each channel by itself; none of no pixel.
+fn median(pixels: &[&[u8]]) -> Option<[u8; 3]> {
+    (!pixels.is_empty()).then(|| {
+        std::array::from_fn(|channel| {
+            let mut levels: Vec<u8> = pixels.iter().map(|rgb| rgb[channel]).collect();
+            let middle = levels.len() / 2;
+            *levels.select_nth_unstable(middle).1
+        })
+    })
 }
 
 /// Finds the thing that a frame shows.
@@ -156,7 +248,7 @@ impl Grid {
         let mut cells = vec![Moments::default(); columns * rows];
         let (mut border, mut border_px) = (0.0, 0.0);
         for ((i, pixel), on_border) in frame.rgb().chunks_exact(3).enumerate().zip(on_border(frame)) {
-            let distance = pixel.iter().zip(background).map(|(level, b)| level.abs_diff(b)).max().unwrap_or(0);
+            let distance = largest_difference(pixel, &background);
             let weight = ((f64::from(distance) - LEVELS[0]) / (LEVELS[1] - LEVELS[0])).clamp(0.0, 1.0);
             if on_border {
                 border += weight;

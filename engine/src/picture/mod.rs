@@ -5,4 +5,6 @@ pub mod distortion;
 pub mod foreground;
 pub mod known_views;
 pub mod metrics;
+pub mod part;
+pub mod settle;
 pub mod undo_guess;

@@ -63,6 +63,17 @@ impl Warp {
         Self { map: [row(0), row(1)], sampling, fill }
     }
 
+    /// Reads what `first` makes of a picture: both in one, with the sampling and the fill of this one.
+    #[must_use]
+    pub fn of(self, first: &Self) -> Self {
+        let row = |[x, y, constant]: [f64; 3]| {
+            let [xs, ys] = self.map;
+            let through = |i: usize| x * xs[i] + y * ys[i];
+            [through(0), through(1), through(2) + constant]
+        };
+        Self { map: first.map.map(row), ..self }
+    }
+
     /// From input positions to output positions.
     fn inverse(&self) -> Result<[[f64; 3]; 2], KernelError> {
         let [[a, b, x0], [c, d, y0]] = self.map;

@@ -82,6 +82,23 @@ fn turns_by_nothing_and_by_half_are_exact_and_the_pictures_hand_is_right() {
 }
 
 #[test]
+fn a_warp_of_a_warp_reads_where_both_do_one_after_the_other() {
+    let Some(gpu) = device() else { return };
+    let clip = ClipShape { frames: 1, height: 9, width: 12 };
+    let x = Random(5).vec_f32(clip.pixels() * 4, 0.0, 1.0);
+    // Whole steps, so that sampling twice loses nothing; fill comes in from two sides.
+    let first = Warp { map: [[1.0, 0.0, 2.0], [0.0, 1.0, -1.0]], sampling: Sampling::Nearest, fill: FILL };
+    let second = Warp { map: [[-1.0, 0.0, 9.0], [0.0, 1.0, 0.0]], sampling: Sampling::Nearest, fill: FILL };
+    let read = |warp: &Warp, x: &[f32]| on_gpu(&gpu, clip, warp, x, x)[0].clone();
+    let (twice, at_once) = (read(&second, &read(&first, &x)), read(&second.of(&first), &x));
+    // Where the second stays inside of what the first made.
+    for row in 0..clip.height {
+        let inside = |data: &[f32]| data[row * clip.width * 4..][..10 * 4].to_vec();
+        assert_eq!(inside(&at_once), inside(&twice), "row {row}");
+    }
+}
+
+#[test]
 fn outside_is_fill_and_has_no_gradient() {
     let Some(gpu) = device() else { return };
     let clip = ClipShape { frames: 1, height: 4, width: 4 };

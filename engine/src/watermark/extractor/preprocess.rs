@@ -1,6 +1,7 @@
 //! Brings 8-bit frames to the size that CLIP sees, and undoes what may have been done to them on the way.
 
 use guard4d_kernels::image::resize::{ImageSize, Region, ResizePlan};
+use guard4d_kernels::image::warp::{Sampling, Warp};
 use guard4d_kernels::image::{CHANNELS, colour_map, quantize, warp};
 use guard4d_kernels::shape::ClipShape;
 use guard4d_kernels::{Buffer, Device, Recorder};
@@ -8,12 +9,12 @@ use guard4d_kernels::{Buffer, Device, Recorder};
 use crate::error::EngineError;
 use crate::media::Frame;
 use crate::picture::distortion::Resizer;
-use crate::picture::foreground::border_colour;
-use crate::picture::known_views::Part;
+use crate::picture::foreground::{border_colour, without_corners};
+use crate::picture::part::{Part, Window};
 use crate::picture::undo_guess::UndoGuess;
 
-/// Sides of the pictures on which guesses are undone, at most, in sides of CLIP's: more than CLIP will see, so that
-/// sampling twice blurs nothing of it, and as little for a video of any size.
+/// Sides of the pictures on which guesses are undone and turned films put upright, at most, in sides of CLIP's: more
+/// than CLIP will see, so that sampling twice blurs nothing of it, and as little for a video of any size.
 const WORKING_SIDES: usize = 4;
 
 /// Frames of one clip on their way to CLIP, as many at once as the extractor sees together.
@@ -25,12 +26,12 @@ pub struct Preprocessor {
     seen: ClipShape,
     /// Frames as they are `[F,H,W,4]`.
     full: Buffer<f32>,
-    /// What of each is shown.
-    regions: Vec<Region>,
+    /// What of each is shown, or of all; turned alike.
+    windows: Vec<Window>,
     cut: Resizer,
     /// Colour of the border of the first frame.
     border: [f32; 3],
-    /// For guesses; made with the first.
+    /// For guesses and turns; made with the first.
     undoing: Option<Undoing>,
 }
 
@@ -44,10 +45,10 @@ impl Preprocessor {
         let plan = ResizePlan::new(device, size, size_of(seen))?;
         Ok(Self {
             device: device.clone(),
-            regions: vec![Region::whole(size)],
+            windows: vec![Window::whole(size)],
             cut: Resizer::new(device, seen.frames, plan)?,
             full: device.buffer("preprocessor.full", seen.frames * size.height * size.width * CHANNELS)?,
-            border: border_colour(first).map(|level| f32::from(level) / 255.0),
+            border: border_colour(&without_corners(first)).map(|level| f32::from(level) / 255.0),
             undoing: None,
             size,
             seen,
@@ -77,22 +78,31 @@ impl Preprocessor {
         Ok(())
     }
 
-    /// Shows these parts of the frames from now on, of one that is not told of the last.
+    /// Shows these parts of the frames from now on, of one that is not told of the last. Frames that are seen together
+    /// are turned alike, as the median of them says.
     ///
     /// # Errors
     /// When memory runs out.
     pub fn cut(&mut self, parts: &[Part]) -> Result<(), EngineError> {
-        let all = Region::whole(self.size);
-        let region = |i: usize| parts.get(i).or(parts.last()).map_or(all, |part| part.region(self.size));
-        let mut regions: Vec<Region> = (0..self.seen.frames).map(region).collect();
-        if regions.iter().all(|region| *region == all) {
-            regions.truncate(1);
+        let window = |i: usize| parts.get(i).or(parts.last()).unwrap_or(&Part::All).window(self.size);
+        let mut windows: Vec<Window> = (0..self.seen.frames).map(window).collect();
+        let mut turns: Vec<f64> = windows.iter().map(|window| window.turn_deg).collect();
+        let middle = turns.len() / 2;
+        let turn_deg = *turns.select_nth_unstable_by(middle, f64::total_cmp).1;
+        windows.iter_mut().for_each(|window| window.turn_deg = turn_deg);
+        if windows.iter().all(|window| *window == windows[0]) {
+            windows.truncate(1);
         }
-        if regions != self.regions {
-            self.regions = regions;
-            self.cut.replace(ResizePlan::regions(&self.device, self.size, size_of(self.seen), &self.regions)?);
+        if windows != self.windows {
+            self.windows = windows;
+            self.cut.replace(ResizePlan::regions(
+                &self.device,
+                self.size,
+                size_of(self.seen),
+                &regions_of(&self.windows),
+            )?);
             if let Some(undoing) = &mut self.undoing {
-                undoing.cut(&self.device, self.size, &self.regions)?;
+                undoing.cut(&self.device, self.size, &regions_of(&self.windows))?;
             }
         }
         Ok(())
@@ -103,18 +113,46 @@ impl Preprocessor {
     /// # Errors
     /// When the device fails.
     pub fn show(&mut self, rec: &mut Recorder, guess: UndoGuess, resized: &mut Buffer<f32>) -> Result<(), EngineError> {
-        if guess == UndoGuess::NONE {
+        let window = self.windows[0];
+        if guess == UndoGuess::NONE && window.turn_deg == 0.0 {
             return Ok(self.cut.forward(rec, &self.full, resized)?);
         }
         let undoing = match &mut self.undoing {
             Some(undoing) => undoing,
             None => {
                 let mut undoing = Undoing::new(&self.device, self.size, self.seen)?;
-                undoing.cut(&self.device, self.size, &self.regions)?;
+                undoing.cut(&self.device, self.size, &regions_of(&self.windows))?;
                 self.undoing.insert(undoing)
             }
         };
-        undoing.show(rec, guess, &self.full, self.border, resized)
+        undoing.show(rec, Edit { window, guess, border: self.border }, &self.full, resized)
+    }
+}
+
+fn regions_of(windows: &[Window]) -> Vec<Region> {
+    windows.iter().map(|window| window.region()).collect()
+}
+
+/// What a clip is freed of.
+#[derive(Clone, Copy)]
+struct Edit {
+    /// The turn of what is shown; windows of one clip have one shape and one turn.
+    window: Window,
+    guess: UndoGuess,
+    /// Colour of what lies outside of the frames.
+    border: [f32; 3],
+}
+
+impl Edit {
+    /// Puts the picture upright, and back where it was.
+    fn warp(self, clip: ClipShape) -> Warp {
+        let sides = [clip.width, clip.height].map(|n| n as f64);
+        let mut map = self.window.in_region();
+        for (row, side) in map.iter_mut().zip(sides) {
+            row.iter_mut().zip(sides).for_each(|(v, across)| *v *= side / across);
+        }
+        let upright = Warp::about_the_middle(clip, map, Sampling::Bilinear, self.border);
+        self.guess.warp_back(clip, self.border).of(&upright)
     }
 }
 
@@ -161,18 +199,16 @@ impl Undoing {
     fn show(
         &mut self,
         rec: &mut Recorder,
-        guess: UndoGuess,
+        edit: Edit,
         full: &Buffer<f32>,
-        border: [f32; 3],
         resized: &mut Buffer<f32>,
     ) -> Result<(), EngineError> {
         if !self.is_current {
             self.shrink.forward(rec, full, &mut self.edited)?;
             self.is_current = true;
         }
-        let warp = guess.warp_back(self.clip, border);
-        warp::forward(rec, self.clip, &warp, &self.edited, &mut self.placed)?;
-        colour_map::forward(rec, &guess.colours_back(), &self.placed, &mut self.restored)?;
+        warp::forward(rec, self.clip, &edit.warp(self.clip), &self.edited, &mut self.placed)?;
+        colour_map::forward(rec, &edit.guess.colours_back(), &self.placed, &mut self.restored)?;
         // What leaked had 8 bits, and no colour beyond white.
         quantize::forward(rec, &self.restored, &mut self.placed)?;
         Ok(self.resize.forward(rec, &self.placed, resized)?)
