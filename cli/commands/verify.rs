@@ -104,6 +104,13 @@ pub(crate) struct VerifyArgs {
     framing: FramingArgs,
     #[command(flatten)]
     views: EvaluationViews,
+    /// The film was taken by the cameras of --cameras or --orbit: its frames are cut to what training showed as these
+    /// say, and not by what they look like
+    ///
+    /// There have to be as many of them as frames are read, view by view as `render` films them, or one. Cameras that
+    /// were tried until the film read best have to be counted by --claims.
+    #[arg(long, requires = "original")]
+    known_cameras: bool,
     /// Write the verdict as a page for people: one HTML file that needs no other and no network
     ///
     /// It shows frames of the films, beside the original's if that is given, the bits, the controls, the hashes, and
@@ -120,7 +127,8 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
     let page = args.report.as_deref().map(|path| AtomicFile::create(path, args.overwrite.existing())).transpose()?;
     let device = device::open(common)?;
     let clip = device::load_clip(&device, &ClipSource::from_argument(&args.clip), common)?;
-    let key = Receipt::read(&args.receipt)?.body.promise.key_for(&args.passphrase.key(&args.key, &clip)?)?;
+    let receipt = Receipt::read(&args.receipt)?;
+    let key = receipt.body.promise.key_for(&args.passphrase.key(&args.key, &clip)?)?;
     let sought = args.message.as_ref().map(|text| Sought::parse(text, &key)).transpose()?;
     let other_key =
         |path: &PathBuf| Ok(OtherKey { name: path.display().to_string(), key: args.passphrase.key(path, &clip)? });
@@ -131,8 +139,9 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
         Some(model) => render_frames(&device, model, &cameras(&args.views, model)?)?,
         None => Vec::new(),
     };
+    let trained = args.known_cameras.then(|| receipt.config(&args.receipt)).transpose()?.map(|config| config.views);
     let inputs = VerifyInputs {
-        suspects: suspects::open(&args.suspects, &args.views, original.as_ref(), common)?,
+        suspects: suspects::open(&args.suspects, &args.views, original.as_ref(), trained.as_ref(), common)?,
         guesses: args.framing.guesses(),
         unrelated: args.unrelated.clone(),
         clean,

@@ -44,6 +44,9 @@ pub(crate) struct EvaluationViews {
     /// Unless given, the origin for a moving model, and the middle of the splats of a static one.
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
     pub(crate) target: Option<DVec3>,
+    /// What is up for the orbit [default: the z axis]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_direction, allow_hyphen_values = true)]
+    pub(crate) up: Option<DVec3>,
     /// Horizontal field of view of the orbit in degrees
     #[arg(long, value_name = "DEGREES", default_value_t = 39.6)]
     pub(crate) fov: f32,
@@ -62,6 +65,11 @@ impl EvaluationViews {
     pub(crate) fn size(&self) -> (u32, u32) {
         self.size.unwrap_or(DEFAULT_SIZE)
     }
+}
+
+/// A direction, brought to the length 1.
+fn parse_direction(text: &str) -> Result<DVec3, String> {
+    parse_point(text)?.try_normalize().ok_or_else(|| format!("`{text}`: expected a direction, X,Y,Z"))
 }
 
 /// A point of the scene.

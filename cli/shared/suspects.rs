@@ -4,15 +4,18 @@ use std::path::{Path, PathBuf};
 
 use guard4d_engine::detect::suspect::Suspect;
 use guard4d_engine::error::EngineError;
+use guard4d_engine::picture::known_cameras::KnownCameras;
 use guard4d_engine::scene::Model;
 use guard4d_engine::scene::recognise::is_model;
+use guard4d_engine::watermark::embed::TrainingViews;
 
 use super::model;
 use super::views::cameras;
 use crate::flags::common::Common;
 use crate::flags::views::EvaluationViews;
 
-/// Takes films and folders of frames as they are, and has models filmed from `views`.
+/// Takes films and folders of frames as they are, and has models filmed from `views`. Where it is given how a mark was
+/// trained, films are those of `views` too.
 ///
 /// With the unmarked model at hand others are filmed as it is: a moment of it alone would be filmed from elsewhere, and
 /// files of splats do not say what is behind them.
@@ -20,13 +23,29 @@ pub(crate) fn open(
     paths: &[PathBuf],
     views: &EvaluationViews,
     original: Option<&Model>,
+    trained: Option<&TrainingViews>,
     common: &Common,
 ) -> Result<Vec<Suspect>, EngineError> {
-    let suspect = |path: &PathBuf| match is_model(path)? {
-        true => filmed(path, views, original, common),
-        false => Ok(Suspect::Video(path.clone())),
+    let known = match (original, trained) {
+        (Some(original), Some(trained)) => Some(known_cameras(views, original, trained)?),
+        _ => None,
+    };
+    let suspect = |path: &PathBuf| match (is_model(path)?, &known) {
+        (true, _) => filmed(path, views, original, common),
+        (false, Some(cameras)) => Ok(Suspect::Filmed { path: path.clone(), cameras: cameras.clone() }),
+        (false, None) => Ok(Suspect::Video(path.clone())),
     };
     paths.iter().map(suspect).collect()
+}
+
+/// The cameras that took a film, view by view.
+fn known_cameras(
+    views: &EvaluationViews,
+    original: &Model,
+    trained: &TrainingViews,
+) -> Result<KnownCameras, EngineError> {
+    let cameras = cameras(views, original)?.clips().concat().into_iter().map(|(camera, _)| camera).collect();
+    Ok(KnownCameras { cameras, look_at: trained.look_at(original), lens: trained.lens()? })
 }
 
 fn filmed(

@@ -33,14 +33,18 @@ struct Filming<'a> {
 /// Cameras from a file or folder, a flight through them, or an orbit around the model.
 pub(crate) fn cameras(args: &EvaluationViews, model: &Model) -> Result<CameraSet, EngineError> {
     let fov_deg = f64::from(args.fov);
-    let LookAt { target, radius } = LookAt::of(model, fov_deg.to_radians());
+    let LookAt { target, radius, up } = LookAt::of(model, fov_deg.to_radians());
     filmed(&Filming {
         cameras: args.cameras.as_deref(),
         interpolate: args.interpolate,
         closed: args.closed,
         orbit: args.orbit,
         elevation_deg: f64::from(args.elevation),
-        look_at: LookAt { target: args.target.unwrap_or(target), radius: args.radius.unwrap_or(radius) },
+        look_at: LookAt {
+            target: args.target.unwrap_or(target),
+            radius: args.radius.unwrap_or(radius),
+            up: args.up.unwrap_or(up),
+        },
         fov_deg,
         frames: args.frames,
         size: args.size(),
@@ -90,8 +94,7 @@ fn filmed(filming: &Filming<'_>) -> Result<CameraSet, EngineError> {
     let orbit = Orbit {
         views: filming.orbit.unwrap_or(DEFAULT_ORBIT),
         elevation_deg: filming.elevation_deg,
-        radius: filming.look_at.radius,
-        target: filming.look_at.target.as_vec3(),
+        look_at: filming.look_at,
         lens: Lens { fov_x_rad: filming.fov_deg.to_radians(), size },
     };
     Ok(orbit.cameras()?.at_times(&times))

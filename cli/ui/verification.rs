@@ -88,6 +88,7 @@ pub(super) fn choices_row(choices: &Choices) -> Row {
         claims,
         films,
         models,
+        known_cameras,
         vouches_for_clip,
         gives_directions,
         start,
@@ -102,6 +103,9 @@ pub(super) fn choices_row(choices: &Choices) -> Row {
     }
     if *models > 0 {
         words.push("the cameras that film a model".to_owned());
+    }
+    if *known_cameras > 0 {
+        words.push("the cameras that frames are cut by".to_owned());
     }
     if *vouches_for_clip {
         words.push("the CLIP checkpoint, by its hash".to_owned());

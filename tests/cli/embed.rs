@@ -4,6 +4,7 @@ use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
 use guard4d_engine::base::digest::Digest;
 use guard4d_engine::base::tensor_file::TensorFile;
 use guard4d_engine::networks::clip::{ClipModel, ClipSource};
@@ -15,6 +16,7 @@ use serde_json::Value;
 
 use super::{Run, command, guard4d, interrupted, is_begun, names, put, scratch};
 use crate::scene::ply::paths::on_paths;
+use crate::support::camera_writers::{Format, Shot};
 use crate::support::fixture::gaussians;
 use crate::support::gpu::{Gpu, device};
 use crate::support::old_receipt;
@@ -90,6 +92,71 @@ fn contents(root: &Path) -> Vec<(PathBuf, Vec<u8>)> {
         (path, bytes)
     };
     files_below(root).into_iter().map(read).collect()
+}
+
+/// Training near a capture's cameras is in the receipt whole: whoever has the original fits the extractor again without
+/// the capture's files.
+#[test]
+fn a_captures_cameras_are_kept_in_the_receipt_and_the_extractor_follows_from_them() {
+    let Some(gpu) = device() else { return };
+    let mut small = Small::new(&gpu);
+    small.set("--extractor", "blind");
+    let places = [[-1.0, -4.0, 1.0], [1.0, -4.0, 1.0], [0.5, -3.0, 2.5], [-3.0, 2.0, 0.5]].map(DVec3::from_array);
+    let shots = |size| places.map(|place| Shot::looking(place, DVec3::new(0.0, 0.1, 0.0), 50.0, size));
+    let cameras = Format::Inria.write(small.folder.path(), &shots([64, 64]));
+    let name = cameras.display().to_string();
+    small.run("out", &["--train-cameras", &name, "--min-accuracy", "0"]).done();
+    fs::remove_file(&cameras).expect("it was there");
+    let receipt: Value =
+        serde_json::from_slice(&fs::read(small.out("out/private/receipt.json")).expect("readable")).expect("JSON");
+    let views = &receipt["body"]["settings"]["config"]["views"];
+    assert_eq!(views["cameras"].as_array().map(Vec::len), Some(4), "{views}");
+    let target: Vec<f64> = serde_json::from_value(views["target"].clone()).expect("a point");
+    assert!(DVec3::from_slice(&target).distance(DVec3::new(0.0, 0.1, 0.0)) < 1e-4, "what they look at: {target:?}");
+    // The preview is the film of the evaluation, so that its cameras are known.
+    let verify = |orbit: &str| {
+        let names = ["out/preview", "owner.key", "out/private/receipt.json", "model.ply"];
+        let [clip, key, receipt, original] = &names.map(|name| small.out(name));
+        let place = ["target", "up"].map(|what| views[what].to_string().replace(['[', ']'], ""));
+        let number = |what: &str| views[what].to_string();
+        let (radius, fov) = (number("radius"), number("fov_deg"));
+        let args: [&dyn AsRef<OsStr>; 9] =
+            [&"verify", clip, &"--key", key, &"--receipt", receipt, &"--original", original, &"--known-cameras"];
+        let film: [&dyn AsRef<OsStr>; 14] = [
+            &"--orbit",
+            &orbit,
+            &"--frames",
+            &"2",
+            &"--size",
+            &"32x32",
+            &"--target",
+            &place[0],
+            &"--up",
+            &place[1],
+            &"--radius",
+            &radius,
+            &"--fov",
+            &fov,
+        ];
+        guard4d(&[&args[..], &film, &[&"--json"]].concat())
+    };
+    let judged = verify("1");
+    let report: Value = serde_json::from_str(&judged.stdout).expect("JSON on stdout");
+    assert_eq!(report["free_part"]["checked"]["how"], "refitted", "{report}");
+    assert_eq!(report["choices"]["known_cameras"], 1, "{report}");
+    let framings = &report["clips"][0]["framings"];
+    assert_eq!((&framings["usual"], &framings["cut"]), (&Value::from(2), &Value::from(0)), "as training: {framings}");
+    let refused = verify("3");
+    assert_eq!(refused.code, 2, "{}", refused.stderr);
+    assert!(refused.stderr.contains("cameras of the film: 6, expected 2"), "{}", refused.stderr);
+
+    let wide = Format::Inria.write(small.folder.path(), &shots([96, 54])).display().to_string();
+    let refused = small.run("wide", &["--train-cameras", &wide]);
+    assert_eq!(refused.code, 2, "{}", refused.stderr);
+    for word in ["cameras of training", "96 x 54 px", "set --size"] {
+        assert!(refused.stderr.contains(word), "`{word}` is not in {}", refused.stderr);
+    }
+    assert!(!small.out("wide").exists(), "nothing is written");
 }
 
 /// What is chosen with the message known is counted by whoever verifies, and told.

@@ -8,13 +8,14 @@ use crate::tidy::sources::root;
 
 /// What a reading is made of: the structs whose fields, and the constants whose values, decide what is read and how it
 /// is judged.
-const STRUCTS: [(&str, &str); 15] = [
+const STRUCTS: [(&str, &str); 16] = [
     ("engine/src/watermark/key/owner_key.rs", "Key"),
     ("engine/src/watermark/extractor/weights.rs", "ExtractorWeights"),
     ("engine/src/watermark/extractor/calibration.rs", "Calibration"),
     ("engine/src/watermark/extractor/tmsd.rs", "TmsdWeights"),
     ("engine/src/watermark/extractor/rotation.rs", "KeyRotation"),
     ("engine/src/picture/known_views.rs", "KnownViews"),
+    ("engine/src/picture/known_cameras.rs", "KnownCameras"),
     ("engine/src/watermark/extractor/pretrained.rs", "PretrainedExtractor"),
     ("engine/src/release/receipt.rs", "Promise"),
     ("engine/src/release/receipt.rs", "Anchor"),

@@ -9,7 +9,7 @@ use guard4d_engine::evidence::thresholds::Thresholds;
 use guard4d_engine::media::Frame;
 use guard4d_engine::release::evaluate::HeldOut;
 use guard4d_engine::scene::camera::paths::{Lens, Orbit};
-use guard4d_engine::scene::{CameraSet, FrameSize};
+use guard4d_engine::scene::{CameraSet, FrameSize, LookAt};
 use guard4d_engine::watermark::embed::Embedding;
 use guard4d_engine::watermark::extractor::weights::ExtractorWeights;
 use guard4d_kernels::Device;
@@ -25,7 +25,7 @@ pub(crate) const BITS: u32 = 16;
 /// Eight frames from one side.
 fn cameras() -> CameraSet {
     let lens = Lens { fov_x_rad: 0.7, size: FrameSize::new(64, 64).expect("a size") };
-    let orbit = Orbit { views: 1, elevation_deg: 20.0, radius: 4.0, target: glam::Vec3::ZERO, lens };
+    let orbit = Orbit { views: 1, elevation_deg: 20.0, look_at: LookAt::D_NERF, lens };
     let times: Vec<f32> = (0..8u8).map(|i| f32::from(i) / 8.0).collect();
     orbit.cameras().expect("an orbit").at_times(&times)
 }

@@ -3,12 +3,15 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use guard4d_engine::base::output::Existing;
 use guard4d_engine::error::EngineError;
-use guard4d_engine::networks::clip::ClipSource;
+use guard4d_engine::networks::clip::{ClipModel, ClipSource};
+use guard4d_engine::watermark::key::owner_key::digest_of;
 use guard4d_kernels::{Device, DeviceOptions, DeviceSelect};
 use guard4d_lab::study::{SUBSTUDIES, Scale, Step, Study, Substudy, redraw};
 
-use crate::support::gpu::device;
+use crate::support::gpu::{Gpu, device};
+use crate::support::owner::key_of;
 
 /// The least that can be called an embedding.
 fn tiny() -> Scale {
@@ -28,6 +31,17 @@ fn parts_are_known_by_their_names_and_no_two_share_one() {
     }
     let error = "table5".parse::<Substudy>().expect_err("the paper has four").to_string();
     assert!(error.contains("table5") && error.contains("table4"), "{error}");
+}
+
+/// Puts keys that no minute of training went into where a study looks for those that it made before.
+fn put_keys(gpu: &Gpu, out: &Path) {
+    let clip = ClipModel::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+    let (folder, digits) = (out.join("keys"), digest_of(&clip).to_string());
+    fs::create_dir_all(&folder).expect("writable");
+    for seed in 0..2 {
+        let path = folder.join(format!("{}-16-{seed}.key", &digits[..12]));
+        key_of(&clip, [seed + 1; 32], 16).write(&path, Existing::Refuse).expect("writable");
+    }
 }
 
 /// Runs a sub-study and says which embeddings were made.
@@ -50,10 +64,9 @@ fn run(out: &Path, what: &str, most: usize) -> (Vec<String>, Result<Vec<PathBuf>
 
 #[test]
 fn a_study_goes_on_where_it_was_and_shares_what_another_one_measured() {
-    if device().is_none() {
-        return;
-    }
+    let Some(gpu) = device() else { return };
     let folder = tempfile::tempdir().expect("a temporary folder");
+    put_keys(&gpu, folder.path());
     let (first, stopped) = run(folder.path(), "table4", 1);
     assert!(matches!(stopped, Err(EngineError::Stopped)), "broken off: {stopped:?}");
     assert_eq!(first, ["no controls"], "one is done");
@@ -98,10 +111,9 @@ fn a_study_goes_on_where_it_was_and_shares_what_another_one_measured() {
 
 #[test]
 fn what_cannot_be_done_is_a_row_that_says_why() {
-    if device().is_none() {
-        return;
-    }
+    let Some(gpu) = device() else { return };
     let folder = tempfile::tempdir().expect("a temporary folder");
+    put_keys(&gpu, folder.path());
     let mut scale = tiny();
     scale.size_px = 0;
     let open = || Ok(Device::open_with(&DeviceSelect::Auto, DeviceOptions::default())?);

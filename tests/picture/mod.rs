@@ -3,6 +3,7 @@
 mod colour_difference;
 mod distortion;
 mod foreground;
+mod known_cameras;
 mod known_views;
 mod metrics;
 mod part;

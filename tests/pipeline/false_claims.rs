@@ -17,7 +17,7 @@ use guard4d_engine::release::evaluate::HeldOut;
 use guard4d_engine::render::render_frames;
 use guard4d_engine::scene::camera::paths::{Band, Lens, Orbit};
 use guard4d_engine::scene::demo::DemoScene;
-use guard4d_engine::scene::{CameraSet, FrameSize, Model, procedural};
+use guard4d_engine::scene::{CameraSet, FrameSize, LookAt, Model, procedural};
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedding, Profile, Subject};
 use guard4d_engine::watermark::extractor::calibration::Calibration;
 use guard4d_engine::watermark::extractor::reader::{Reader, decode};
@@ -57,13 +57,7 @@ fn films(gpu: &Gpu) -> Vec<Vec<Frame>> {
             0 => Model::open(demo.path()).expect("the scene opens"),
             _ => procedural::scene(&mut prf(3, number).stream(Purpose::Scenes, 0)).expect("a scene"),
         };
-        let band = Band {
-            azimuth_deg: 0.0..=360.0,
-            elevation_deg: -20.0..=80.0,
-            radius: 3.0..=6.0,
-            target: glam::Vec3::ZERO,
-            lens: Lens { fov_x_rad: 0.7, size: FrameSize::new(SIDE_PX, SIDE_PX).expect("a size") },
-        };
+        let band = Band { elevation_deg: -20.0..=80.0, distance: 0.75..=1.5, ..Band::around(LookAt::D_NERF, lens()) };
         let times: Vec<f32> = (0..FRAMES).map(|i| i as f32 / FRAMES as f32).collect();
         let cameras = band.sample(FILMS as u32, 90 + number).expect("cameras").at_times(&times);
         films.extend(render_frames(gpu, &model, &cameras).expect("films"));
@@ -152,10 +146,13 @@ impl<'a> Readers<'a> {
     }
 }
 
+fn lens() -> Lens {
+    Lens { fov_x_rad: 0.7, size: FrameSize::new(SIDE_PX, SIDE_PX).expect("a size") }
+}
+
 /// Cameras whose films set the zero.
 fn orbit() -> CameraSet {
-    let lens = Lens { fov_x_rad: 0.7, size: FrameSize::new(SIDE_PX, SIDE_PX).expect("a size") };
-    let orbit = Orbit { views: 16, elevation_deg: 30.0, radius: 4.0, target: glam::Vec3::ZERO, lens };
+    let orbit = Orbit { views: 16, elevation_deg: 30.0, look_at: LookAt::D_NERF, lens: lens() };
     let times: Vec<f32> = (0..8u8).map(|i| f32::from(i) / 7.0).collect();
     orbit.cameras().expect("an orbit").at_times(&times)
 }

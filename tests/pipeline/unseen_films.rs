@@ -14,7 +14,7 @@ use guard4d_engine::media::{Frame, ReadOptions, read_clip};
 use guard4d_engine::release::evaluate::HeldOut;
 use guard4d_engine::scene::camera::paths::{Lens, Orbit};
 use guard4d_engine::scene::demo::DemoScene;
-use guard4d_engine::scene::{CameraSet, FrameSize, Model};
+use guard4d_engine::scene::{CameraSet, FrameSize, LookAt, Model};
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, Subject};
 use guard4d_engine::watermark::extractor::reader::Reader;
 use guard4d_engine::watermark::extractor::weights::ExtractorWeights;
@@ -45,7 +45,8 @@ const CONFIDENCE: f64 = 0.999;
 /// Six sides from between the heights that training draws from, at moments of the whole motion.
 fn cameras(place: Place) -> CameraSet {
     let lens = Lens { fov_x_rad: 0.69, size: FrameSize::new(place.side_px, place.side_px).expect("a size") };
-    let orbit = Orbit { views: SIDES, elevation_deg: 27.0, radius: place.radius, target: place.target, lens };
+    let look_at = LookAt::at(place.target.as_dvec3(), place.radius);
+    let orbit = Orbit { views: SIDES, elevation_deg: 27.0, look_at, lens };
     let times: Vec<f32> = (0..MOMENTS).map(|i| (f32::from(i) + 0.5) / f32::from(MOMENTS)).collect();
     orbit.cameras().expect("an orbit").at_times(&times)
 }

@@ -50,9 +50,9 @@ fn draw(gpu: &guard4d_kernels::Device, path: &Path) -> Frame {
     let model = Model::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let fov_x_rad = FOV_DEG.to_radians();
     // The made-up scenes of the goldens are no D-NeRF scenes: every sample is looked at from where it fills the frame.
-    let LookAt { target, radius } = LookAt::around(&model.gaussians, fov_x_rad);
+    let look_at = LookAt::around(&model.gaussians, fov_x_rad);
     let lens = Lens { fov_x_rad, size: FrameSize::new(SIDE, SIDE).expect("a size") };
-    let orbit = Orbit { views: 1, elevation_deg: 20.0, radius, target: target.as_vec3(), lens };
+    let orbit = Orbit { views: 1, elevation_deg: 20.0, look_at, lens };
     let clips = orbit.cameras().expect("a camera").at_times(&[TIME]).clips();
     let mut renderer = SceneRenderer::new(gpu, &model.gaussians, &model.motion, [0.5; 3]).expect("the scene fits");
     let mut frames = Vec::new();

@@ -13,7 +13,7 @@ use guard4d_engine::networks::clip::{ClipModel, ClipSource};
 use guard4d_engine::release::delivery::{self, Delivery};
 use guard4d_engine::scene::camera::paths::{Lens, Orbit};
 use guard4d_engine::scene::demo::DemoScene;
-use guard4d_engine::scene::{CameraSet, FrameSize, Model};
+use guard4d_engine::scene::{CameraSet, FrameSize, LookAt, Model};
 use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, Subject};
 use guard4d_engine::watermark::key::owner_key::Key;
 use guard4d_kernels::Device;
@@ -113,7 +113,7 @@ pub(crate) fn demo_content() -> Digest {
 pub(crate) fn cameras() -> CameraSet {
     let size = FrameSize::new(SIDE_PX, SIDE_PX).expect("a size");
     let lens = Lens { fov_x_rad: 0.7, size };
-    let orbit = Orbit { views: 1, elevation_deg: 20.0, radius: 4.0, target: glam::Vec3::ZERO, lens };
+    let orbit = Orbit { views: 1, elevation_deg: 20.0, look_at: LookAt::D_NERF, lens };
     orbit.cameras().expect("an orbit").at_times(&[0.0, 0.5])
 }
 

@@ -11,11 +11,11 @@ use guard4d_engine::networks::clip::{ClipModel, ClipSource};
 use guard4d_engine::release::delivery;
 use guard4d_engine::release::gate::Gate;
 use guard4d_engine::scene::{CameraSet, Model};
-use guard4d_engine::watermark::embed::{EmbedConfig, Subject};
+use guard4d_engine::watermark::embed::{EmbedConfig, Subject, TrainingViews};
 use guard4d_engine::watermark::key::owner_key::Key;
 
 use super::args::What;
-use super::job::{Fit, GateSettings, JobSettings, LeastAccuracy};
+use super::job::{Fit, GateSettings, JobSettings, LeastAccuracy, RunSettings};
 use super::settings::Settings;
 use crate::flags::common::Common;
 use crate::flags::passphrase;
@@ -65,8 +65,9 @@ impl Inputs {
         // Who cannot sign the receipt is told before the work, too.
         delivery::signer_of(&key, model.digest())?;
         let message = payload.message(&key.prf())?;
-        let look_at = config.views.look_at(&model);
-        let config = config.with(|config| config.views = config.views.clone().looking_at(look_at));
+        let views = training_views(&job.run, config.views.clone())?;
+        let look_at = views.look_at(&model);
+        let config = config.with(|config| config.views = views.looking_at(look_at));
         let (payload, cameras) = (payload.id_bits(), evaluation_cameras(&job.evaluation, &config.views, &model)?);
         let class_films = job.evaluation.class_films;
         Ok(Self { device, clip, key, model, message, payload, cameras, config, gate, class_films })
@@ -76,6 +77,13 @@ impl Inputs {
         let Self { device, clip, key, model, message, .. } = self;
         Subject { device, clip, key, model, message }
     }
+}
+
+/// Where training looks from: near the cameras of a capture where one is named.
+fn training_views(run: &RunSettings, views: TrainingViews) -> Result<TrainingViews, EngineError> {
+    let Some(path) = &run.train_cameras else { return Ok(views) };
+    let capture = CameraSet::open(path, views.lens()?.size)?;
+    views.near(&capture)
 }
 
 /// What is asked of the result, or what a message of its length needs that is one of so many claims.

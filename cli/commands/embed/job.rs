@@ -46,6 +46,12 @@ pub(crate) struct RunSettings {
     #[arg(long, action = ArgAction::Set, num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     #[arg(value_name = "BOOL", hide = true)]
     pub(crate) lossy: bool,
+    /// Train near the cameras of this file or folder instead of all around, and measure around what they look at
+    ///
+    /// The kinds are those of --cameras. Their frames have to have the shape of --size. The receipt keeps the cameras.
+    #[arg(long, value_name = "PATH", hide = true)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) train_cameras: Option<PathBuf>,
     /// Write a checkpoint this often, in seconds
     #[arg(long = "checkpoint-every", value_name = "SECONDS", hide = true)]
     pub(crate) checkpoint_every_s: u64,
@@ -53,7 +59,7 @@ pub(crate) struct RunSettings {
 
 impl Default for RunSettings {
     fn default() -> Self {
-        Self { fit: Fit::Full, lossy: false, checkpoint_every_s: 60 }
+        Self { fit: Fit::Full, lossy: false, train_cameras: None, checkpoint_every_s: 60 }
     }
 }
 

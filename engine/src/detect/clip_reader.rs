@@ -10,6 +10,7 @@ use crate::base::observer::{Observer, Progress};
 use crate::error::EngineError;
 use crate::media::framing::{Framing, Rect};
 use crate::media::{Frame, FrameSource, Integrity, ReadOptions};
+use crate::picture::known_cameras::KnownCameras;
 use crate::picture::part::{Framings, Part};
 use crate::picture::settle::settle;
 use crate::picture::undo_guess::UndoGuess;
@@ -60,12 +61,18 @@ impl<'a> ClipReader<'a> {
         self.num_bits
     }
 
-    /// A suspect video, in which the picture may have been framed anew.
+    /// A suspect video, in which the picture may have been framed anew; its frames are cut as its cameras say, where
+    /// these are known.
     ///
     /// # Errors
-    /// Those of [`FrameSource`]; when the device fails; what the observer returns.
-    pub(super) fn suspect_video(&mut self, path: &Path, guesses: &[UndoGuess]) -> Result<SeenClip, EngineError> {
-        self.video(path, self.options.framing, guesses)
+    /// Those of [`FrameSource`] and of [`KnownCameras::parts`]; when the device fails; what the observer returns.
+    pub(super) fn suspect_video(
+        &mut self,
+        path: &Path,
+        cameras: Option<&KnownCameras>,
+        guesses: &[UndoGuess],
+    ) -> Result<SeenClip, EngineError> {
+        self.video(path, self.options.framing, cameras, guesses)
     }
 
     /// Features and logits of a video that is looked at as it is.
@@ -73,7 +80,7 @@ impl<'a> ClipReader<'a> {
     /// # Errors
     /// Those of [`Self::suspect_video`].
     pub(super) fn plain_video(&mut self, path: &Path) -> Result<ClipFeatures, EngineError> {
-        let clip = self.video(path, Framing::default(), &[UndoGuess::NONE])?;
+        let clip = self.video(path, Framing::default(), None, &[UndoGuess::NONE])?;
         Ok(clip.features.into_iter().next().unwrap_or_default())
     }
 
@@ -85,10 +92,19 @@ impl<'a> ClipReader<'a> {
         self.reader.logits(frames)
     }
 
-    fn video(&mut self, path: &Path, framing: Framing, guesses: &[UndoGuess]) -> Result<SeenClip, EngineError> {
+    fn video(
+        &mut self,
+        path: &Path,
+        framing: Framing,
+        cameras: Option<&KnownCameras>,
+        guesses: &[UndoGuess],
+    ) -> Result<SeenClip, EngineError> {
         let source = FrameSource::open(path, &ReadOptions { framing, ..self.options.clone() })?;
         let (name, total) = (path.display().to_string(), source.expected_frames());
-        let parts = self.parts(&source, &name, total)?;
+        let parts = match cameras {
+            Some(cameras) => self.parts_by_cameras(&source, cameras)?,
+            None => self.parts(&source, &name, total)?,
+        };
         let framings = Framings::of(&parts);
         let (mut stream, mut album) = (self.reader.stream(guesses, parts), Album::new());
         let mut done = 0;
@@ -120,6 +136,17 @@ impl<'a> ClipReader<'a> {
         })?;
         let (width, height) = ending.size_px;
         Ok(settle(&looks, ImageSize { height: height as usize, width: width as usize }))
+    }
+
+    /// The same where cameras say it. A video is decoded once more, since they have to be as many as its frames.
+    fn parts_by_cameras(&self, source: &FrameSource, cameras: &KnownCameras) -> Result<Vec<Part>, EngineError> {
+        let mut frames = 0;
+        let ending = source.for_each(&mut |_| {
+            frames += 1;
+            Ok(())
+        })?;
+        let (width, height) = ending.size_px;
+        cameras.parts(frames, ImageSize { height: height as usize, width: width as usize })
     }
 
     /// Frames in memory.

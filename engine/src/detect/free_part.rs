@@ -9,7 +9,7 @@ use crate::error::EngineError;
 use crate::evidence::extractor_mode::ExtractorMode;
 use crate::release::receipt::Receipt;
 use crate::scene::Model;
-use crate::watermark::embed::{EmbedConfig, Subject, refit};
+use crate::watermark::embed::{Subject, refit};
 use crate::watermark::extractor::weights::{Deviation, ExtractorWeights};
 
 /// Furthest that an extractor may be from the one that is fitted again, as a share of its size. On one device both are
@@ -79,9 +79,7 @@ fn compare(
     original: &Model,
 ) -> Result<Deviation, EngineError> {
     let VerifyRequest { device, clip, key, .. } = *request;
-    let settings = receipt.body.settings.get("config").cloned().unwrap_or_default();
-    let mut config: EmbedConfig = serde_json::from_value(settings)
-        .map_err(|error| bad_data(request.receipt, "settings.config", error, "the settings of an embedding"))?;
+    let mut config = receipt.config(request.receipt)?;
     if config.mode() != extractor.mode {
         let expected = format!("{}, the mode of the extractor", extractor.mode);
         return Err(bad_data(request.receipt, "settings.config.extractor", config.mode(), expected));

@@ -10,7 +10,7 @@ use crate::error::EngineError;
 use crate::media::Frame;
 use crate::render::render_frames;
 use crate::scene::camera::paths::{Lens, Orbit};
-use crate::scene::{FrameSize, procedural};
+use crate::scene::{FrameSize, LookAt, procedural};
 
 /// How many; as many as a verification of a short film can spare the time for.
 pub const OWN_CLIPS: u64 = 6;
@@ -31,7 +31,7 @@ pub fn own_clips(device: &Device) -> Result<Vec<Vec<Frame>>, EngineError> {
         let scene = procedural::scene(&mut prf.stream(Purpose::Scenes, number))?;
         // From another height each.
         let elevation_deg = 10.0 + 8.0 * number as f64;
-        let orbit = Orbit { views: FRAMES, elevation_deg, radius: 4.0, target: glam::Vec3::ZERO, lens };
+        let orbit = Orbit { views: FRAMES, elevation_deg, look_at: LookAt::D_NERF, lens };
         Ok(render_frames(device, &scene, &orbit.cameras()?.at_times(&[0.0]))?.concat())
     };
     (0..OWN_CLIPS).map(clip).collect()

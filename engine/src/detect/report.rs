@@ -93,6 +93,8 @@ pub struct Choices {
     pub films: usize,
     /// Those among them that are models, filmed by cameras that whoever verifies chose.
     pub models: usize,
+    /// Those among them that are films cut as cameras say that whoever verifies gave.
+    pub known_cameras: usize,
     /// Whether whoever verifies vouches for a CLIP checkpoint that is not the program's own.
     pub vouches_for_clip: bool,
     /// Whether whoever verifies gave the directions of a pretrained extractor.
@@ -119,6 +121,7 @@ impl Choices {
             claims: request.claims.get(),
             films: inputs.suspects.len(),
             models: inputs.suspects.iter().filter(|suspect| matches!(suspect, Suspect::Model { .. })).count(),
+            known_cameras: inputs.suspects.iter().filter(|suspect| matches!(suspect, Suspect::Filmed { .. })).count(),
             vouches_for_clip: request.trusted_clip.is_some(),
             gives_directions: request.pretrained.is_some(),
             start: options.start,

@@ -10,6 +10,7 @@ use crate::error::EngineError;
 use crate::evidence::reading::Reading;
 use crate::media::framing::Rect;
 use crate::media::{Frame, Integrity};
+use crate::picture::known_cameras::KnownCameras;
 use crate::picture::part::Framings;
 use crate::picture::undo_guess::UndoGuess;
 use crate::scene::{CameraSet, Model};
@@ -20,6 +21,13 @@ use crate::watermark::extractor::reader::ClipFeatures;
 pub enum Suspect {
     /// A video file, or a folder of pictures in its place.
     Video(PathBuf),
+    /// The same, whose cameras are known.
+    Filmed {
+        /// The video or folder.
+        path: PathBuf,
+        /// Its cameras.
+        cameras: KnownCameras,
+    },
     /// Frames of one clip.
     Frames {
         /// For the report.
@@ -86,7 +94,10 @@ impl Suspects {
         for suspect in suspects {
             match suspect {
                 Suspect::Video(path) => {
-                    all.add(reader.suspect_video(path, guesses)?, num_bits, Some(content(path)?))?;
+                    all.add(reader.suspect_video(path, None, guesses)?, num_bits, Some(content(path)?))?;
+                }
+                Suspect::Filmed { path, cameras } => {
+                    all.add(reader.suspect_video(path, Some(cameras), guesses)?, num_bits, Some(content(path)?))?;
                 }
                 Suspect::Frames { name, frames } => all.add(reader.frames(name, frames, guesses)?, num_bits, None)?,
                 Suspect::Model { name, model, cameras } => {

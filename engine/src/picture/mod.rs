@@ -3,6 +3,7 @@
 pub mod colour_difference;
 pub mod distortion;
 pub mod foreground;
+pub mod known_cameras;
 pub mod known_views;
 pub mod metrics;
 pub mod part;

@@ -20,6 +20,7 @@ use crate::evidence::message::Message;
 use crate::evidence::thresholds::Thresholds;
 use crate::picture::metrics::PsnrSummary;
 use crate::scene::camera::classes::CameraClass;
+use crate::watermark::embed::EmbedConfig;
 use crate::watermark::key::owner_key::Key;
 
 /// Domain of the commitment hash of receipts that bind their reader, and of those from before.
@@ -263,6 +264,16 @@ impl Receipt {
     pub fn seal(body: ReceiptBody, signer: &SigningKey) -> Result<Self, EngineError> {
         let commitment = commit(&body, Schema::V3)?;
         Ok(Self { schema: Schema::V3, body, commitment, signature: Some(signer.sign(&signed(&commitment))) })
+    }
+
+    /// The settings of the embedding.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] naming `path` (where the receipt was read) if there are none.
+    pub fn config(&self, path: &Path) -> Result<EmbedConfig, EngineError> {
+        let settings = self.body.settings.get("config").cloned().unwrap_or_default();
+        serde_json::from_value(settings)
+            .map_err(|error| bad_data(path, "settings.config", error, "the settings of an embedding"))
     }
 
     /// Checks that the body is the one that was sealed, and by whom it says it was.

@@ -1,6 +1,6 @@
 //! Classes of films: what their cameras see of an asset.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use guard4d_engine::scene::Camera;
 use guard4d_engine::scene::camera::classes::CameraClass;
 use guard4d_engine::scene::camera::look_at::LookAt;
@@ -9,7 +9,7 @@ use guard4d_engine::scene::camera::paths::Lens;
 use super::size;
 
 const VIEWS: u32 = 4;
-const LOOK_AT: LookAt = LookAt { target: DVec3::new(1.0, -2.0, 0.5), radius: 3.0 };
+const LOOK_AT: LookAt = LookAt::at(DVec3::new(1.0, -2.0, 0.5), 3.0);
 
 fn cameras(class: CameraClass) -> Vec<Camera> {
     let lens = Lens { fov_x_rad: 0.69, size: size(400, 400) };
@@ -82,7 +82,7 @@ fn what_is_no_class_is_refused_with_the_names_of_all() {
     let refused = "sideways".parse::<CameraClass>().expect_err("no class").to_string();
     assert!(refused.contains("sideways") && refused.contains("off-centre"), "{refused}");
     let lens = Lens { fov_x_rad: 0.69, size: size(64, 64) };
-    let nowhere = LookAt { target: Vec3::NAN.as_dvec3(), radius: 1.0 };
+    let nowhere = LookAt::at(DVec3::NAN, 1.0);
     CameraClass::Far.cameras(nowhere, lens, 1).expect_err("no point to look at");
     CameraClass::Far.cameras(LOOK_AT, lens, 0).expect_err("no views");
 }

@@ -4,7 +4,7 @@ use glam::{Mat3, Vec3};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::scene::camera::flight::Ends;
 use guard4d_engine::scene::camera::paths::{Lens, Orbit};
-use guard4d_engine::scene::{Camera, CameraSet, FrameSize};
+use guard4d_engine::scene::{Camera, CameraSet, FrameSize, LookAt};
 
 use crate::support::close::largest;
 
@@ -17,7 +17,7 @@ fn size() -> FrameSize {
 
 fn ring(views: u32) -> CameraSet {
     let lens = Lens { fov_x_rad: 0.69, size: size() };
-    Orbit { views, elevation_deg: 20.0, radius: 4.0, target: Vec3::ZERO, lens }.cameras().expect("a good orbit")
+    Orbit { views, elevation_deg: 20.0, look_at: LookAt::D_NERF, lens }.cameras().expect("a good orbit")
 }
 
 #[track_caller]

@@ -1,14 +1,16 @@
 //! Cameras: their files, those made by rule, flights through them, and what they see.
 
 mod cameras;
+mod capture;
 mod classes;
 mod files;
 mod flight;
+mod look_at;
 mod paths;
 
-use glam::Vec3;
-use guard4d_engine::scene::FrameSize;
+use glam::{DVec3, Vec3};
 use guard4d_engine::scene::camera::paths::{Band, Lens, Orbit};
+use guard4d_engine::scene::{FrameSize, LookAt};
 
 /// Positions and matrices are f32 values near 4, inverted in f64: a few units in the last place.
 const POSE_TOLERANCE: f32 = 2e-6;
@@ -22,16 +24,15 @@ fn lens() -> Lens {
 }
 
 fn orbit(views: u32) -> Orbit {
-    Orbit { views, elevation_deg: 30.0, radius: 4.0, target: Vec3::ZERO, lens: lens() }
+    Orbit { views, elevation_deg: 30.0, look_at: LookAt::D_NERF, lens: lens() }
 }
 
 fn band() -> Band {
     Band {
         azimuth_deg: -180.0..=180.0,
         elevation_deg: 10.0..=60.0,
-        radius: 3.0..=5.0,
-        target: Vec3::new(0.5, -0.25, 1.0),
-        lens: lens(),
+        distance: 0.75..=1.25,
+        ..Band::around(LookAt::at(DVec3::new(0.5, -0.25, 1.0), 4.0), lens())
     }
 }
 

@@ -34,7 +34,7 @@ fn a_film_turns_about_what_its_camera_looks_at() {
         c.views.size_px = (32, 32);
         c.optimiser.held_out_every = 1;
     });
-    let LookAt { target, radius } = config.views.look_at(&owner.model);
+    let LookAt { target, radius, .. } = config.views.look_at(&owner.model);
     assert!(target.distance(DVec3::from_array(AWAY.map(f64::from))) < 1.0, "the scene is looked at: {target}");
     let embedding = Embedding::prepare(owner.subject(&gpu), config).expect("prepares");
     let clips: Vec<_> = embedding.training_shots().chain(embedding.held_out_shots()).collect();

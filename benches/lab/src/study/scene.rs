@@ -198,8 +198,7 @@ fn load(path: &Path, size: FrameSize) -> Result<(Model, LookAt, CameraSet), Engi
 /// A circle of views.
 pub(super) fn orbit(size: FrameSize, elevation_deg: f64, look_at: LookAt) -> Result<CameraSet, EngineError> {
     let lens = Lens { fov_x_rad: FOV_X_RAD, size };
-    let LookAt { target, radius } = look_at;
-    Orbit { views: ORBIT_VIEWS, elevation_deg, radius, target: target.as_vec3(), lens }.cameras()
+    Orbit { views: ORBIT_VIEWS, elevation_deg, look_at, lens }.cameras()
 }
 
 /// Evenly spaced times from `first` to `last`.

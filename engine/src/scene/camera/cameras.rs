@@ -97,6 +97,26 @@ impl Camera {
         -(rotation.transpose() * self.world_to_camera.w_axis.truncate())
     }
 
+    /// The camera's axes in world space: right, down, forward.
+    #[must_use]
+    pub fn axes(&self) -> [DVec3; 3] {
+        let rotation = Mat3::from_mat4(self.world_to_camera).as_dmat3().transpose();
+        [rotation.x_axis, rotation.y_axis, rotation.z_axis]
+    }
+
+    /// The camera turned about its centre by `turn`, a rotation of camera space.
+    #[must_use]
+    pub fn turned(self, turn: DMat3) -> Self {
+        Self { world_to_camera: (DMat4::from_mat3(turn) * self.world_to_camera.as_dmat4()).as_mat4(), ..self }
+    }
+
+    /// The camera as it sees the world after that was turned about `point` by `turn`.
+    #[must_use]
+    pub fn around(self, point: DVec3, turn: DMat3) -> Self {
+        let world = DMat4::from_mat3_translation(turn, point - turn * point);
+        Self { world_to_camera: (self.world_to_camera.as_dmat4() * world).as_mat4(), ..self }
+    }
+
     /// tan(FovX / 2), which bounds the splat Jacobian.
     #[must_use]
     pub fn tan_fovx(&self) -> f32 {

@@ -3,10 +3,10 @@
 use std::fmt;
 use std::str::FromStr;
 
-use glam::{DMat4, DVec3};
+use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::cameras::{Camera, CameraSet, FrameSize};
+use super::cameras::{CameraSet, FrameSize};
 use super::look_at::LookAt;
 use super::paths::{Lens, Orbit};
 use crate::error::EngineError;
@@ -85,25 +85,18 @@ impl CameraClass {
             _ => lens.size,
         };
         let beside = if self == Self::OffCentre { DVec3::new(0.175, 0.075, 0.125) } else { DVec3::ZERO };
-        let LookAt { target, radius } = look_at;
-        let orbit = Orbit {
-            views,
-            elevation_deg,
-            radius: radius * distance,
-            target: (target + radius * beside).as_vec3(),
-            lens: Lens { fov_x_rad, size },
-        };
+        let LookAt { target, radius, .. } = look_at;
+        let beside = look_at.uprights() * beside;
+        let look_at = LookAt { target: target + radius * beside, radius: radius * distance, ..look_at };
+        let orbit = Orbit { views, elevation_deg, look_at, lens: Lens { fov_x_rad, size } };
         let mut cameras = orbit.cameras()?;
         if self == Self::Roll {
-            cameras.views.iter_mut().for_each(|view| view.camera = rolled(view.camera, ROLL_DEG.to_radians()));
+            // The camera clockwise, and so the picture counterclockwise.
+            let roll = DMat3::from_rotation_z(-ROLL_DEG.to_radians());
+            cameras.views.iter_mut().for_each(|view| view.camera = view.camera.turned(roll));
         }
         Ok(cameras)
     }
-}
-
-/// The camera turned clockwise about its line of sight.
-fn rolled(camera: Camera, angle_rad: f64) -> Camera {
-    Camera { world_to_camera: DMat4::from_rotation_z(-angle_rad).as_mat4() * camera.world_to_camera, ..camera }
 }
 
 /// A frame of as many pixels in another shape; even sides, as films have them.

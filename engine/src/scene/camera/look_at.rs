@@ -1,14 +1,20 @@
 //! Where a scene is looked at from when nobody says.
 
-use glam::{DVec3, Vec3};
+use glam::{DMat3, DQuat, DVec3, Vec3};
 use serde::{Serialize, Serializer};
 
+use super::cameras::Camera;
 use crate::scene::gaussians::Gaussians;
 use crate::scene::model::Model;
 
 /// Share of the splats' opacity that lies within the sphere that cameras take in: stray splats far out must not make
 /// the scene small.
 const TAKEN_IN: f64 = 0.98;
+/// Least product of the shares of directions that the axes of cameras leave open, for a point between them to be known:
+/// that of axes up to some two degrees apart.
+const CROSSING: f64 = 1e-3;
+/// Least length of the mean of unit vectors that point up, for them to agree on what is up.
+const AGREED: f64 = 0.1;
 
 /// The point that cameras look at, and how far they stand from it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -18,11 +24,50 @@ pub struct LookAt {
     pub target: DVec3,
     /// Distance, world units.
     pub radius: f64,
+    /// What is up, a unit vector; left out of files where it is the z axis.
+    #[serde(skip_serializing_if = "is_z", serialize_with = "as_array")]
+    pub up: DVec3,
 }
 
 impl LookAt {
     /// What D-NeRF scenes, and models trained on their kind, are made for.
-    pub const D_NERF: Self = Self { target: DVec3::ZERO, radius: 4.0 };
+    pub const D_NERF: Self = Self::at(DVec3::ZERO, 4.0);
+
+    /// A point at a distance; the z axis points up.
+    #[must_use]
+    pub const fn at(target: DVec3, radius: f64) -> Self {
+        Self { target, radius, up: DVec3::Z }
+    }
+
+    /// What the cameras of a capture look at: the point that is nearest to all of their axes, the median distance from
+    /// it, and what is up for most of them. None for axes that are as good as parallel, and without a camera.
+    #[must_use]
+    pub fn of_cameras(cameras: &[Camera]) -> Option<Self> {
+        let (mut open, mut sum, mut up) = (DMat3::ZERO, DVec3::ZERO, DVec3::ZERO);
+        for camera in cameras {
+            let [_, down, forward] = camera.axes();
+            // What is left of a vector without its part along the axis.
+            let beside =
+                DMat3::IDENTITY - DMat3::from_cols(forward * forward.x, forward * forward.y, forward * forward.z);
+            open += beside;
+            sum += beside * camera.position().as_dvec3();
+            up -= down;
+        }
+        let count = cameras.len() as f64;
+        if cameras.is_empty() || (open * (1.0 / count)).determinant() < CROSSING {
+            return None;
+        }
+        let target = open.inverse() * sum;
+        let away = cameras.iter().map(|camera| (camera.position().as_dvec3().distance(target), 1.0));
+        let radius = quantile(away, 0.5).filter(|radius| *radius > 0.0)?;
+        let up = if up.length() >= AGREED * count { up.normalize() } else { DVec3::Z };
+        target.is_finite().then_some(Self { target, radius, up })
+    }
+
+    /// Turns the z axis into what is up.
+    pub(super) fn uprights(&self) -> DMat3 {
+        DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, self.up))
+    }
 
     /// What suits a model: [`Self::D_NERF`] for one with a deformation network, which was trained on scenes of that
     /// kind, and [`Self::around`] for any other capture, which can lie anywhere.
@@ -44,7 +89,7 @@ impl LookAt {
         let target = DVec3::new(x, y, z);
         let reach = quantile(all.iter().map(|(mean, weight)| (mean.distance(target), *weight)), TAKEN_IN);
         match reach.map(|reach| reach / (0.5 * fov_x_rad).sin()) {
-            Some(radius) if radius.is_finite() && radius > 0.0 => Self { target, radius },
+            Some(radius) if radius.is_finite() && radius > 0.0 => Self::at(target, radius),
             _ => Self::D_NERF,
         }
     }
@@ -66,8 +111,12 @@ fn is_origin(target: &DVec3) -> bool {
     *target == DVec3::ZERO
 }
 
-fn as_array<S: Serializer>(target: &DVec3, serializer: S) -> Result<S::Ok, S::Error> {
-    target.to_array().serialize(serializer)
+fn is_z(up: &DVec3) -> bool {
+    *up == DVec3::Z
+}
+
+fn as_array<S: Serializer>(vector: &DVec3, serializer: S) -> Result<S::Ok, S::Error> {
+    vector.to_array().serialize(serializer)
 }
 
 #[cfg(test)]

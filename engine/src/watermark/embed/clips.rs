@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use glam::{DMat3, DVec3, Mat4};
+use glam::DMat3;
 use guard4d_kernels::Device;
 use guard4d_kernels::loss::ssim::{self, SsimReference, SsimScratch};
 use rand_chacha::ChaCha20Rng;
@@ -11,12 +11,10 @@ use super::buffers::TrainingBuffers;
 use super::config::EmbedConfig;
 use super::draw::unit;
 use super::training_clip::TrainingClip;
-use crate::base::numbers::narrow;
 use crate::base::prf::uniform_unit;
 use crate::error::EngineError;
 use crate::render::deform::DeformField;
-use crate::scene::camera::paths::Band;
-use crate::scene::{Camera, CameraSet, Model, View};
+use crate::scene::{Camera, LookAt, Model, View};
 use crate::watermark::extractor::weights::CLIP_FRAMES;
 
 /// Clips that share their times.
@@ -43,19 +41,9 @@ pub(super) fn shots(
 ) -> Result<Vec<Vec<(Camera, f32)>>, EngineError> {
     let (views, Draws { clips, seed }) = (&config.views, draws);
     let look_at = views.look_at(model);
-    let band = Band {
-        azimuth_deg: 0.0..=360.0,
-        elevation_deg: views.elevation_deg.0..=views.elevation_deg.1,
-        radius: look_at.radius..=look_at.radius,
-        target: look_at.target.as_vec3(),
-        lens: views.lens()?,
-    };
     let frames = u32::try_from(CLIP_FRAMES).expect("a clip is a handful of frames");
     let per_clip = if films { 1 } else { CLIP_FRAMES };
-    let cameras: CameraSet = match per_clip {
-        1 => band.sample(clips, seed)?,
-        _ => band.sample(clips * frames, seed)?,
-    };
+    let cameras = views.sample(look_at, if films { clips } else { clips * frames }, seed)?;
     // A few clips share each set of times, so that the deformation is evaluated once for them.
     let mut times = [0.0; CLIP_FRAMES];
     let mut drawn = Vec::with_capacity(clips as usize);
@@ -65,33 +53,23 @@ pub(super) fn shots(
             times = std::array::from_fn(|i| (i as f32 + shift) / CLIP_FRAMES as f32);
         }
         let turn = config.views.turn_deg.to_radians() * (2.0 * uniform_unit(rng) - 1.0);
-        let turned = |i: usize| Turn { target: look_at.target, angle_rad: turn * i as f64 };
+        let turned = |i: usize| Turn { look_at, angle_rad: turn * i as f64 };
         drawn.push(times.iter().enumerate().map(|(i, &t)| (shot(views, i, turned(i)), t)).collect());
     }
     Ok(drawn)
 }
 
-/// How far a camera has gone round the vertical line, which is parallel to z, through the point that it looks at.
+/// How far a camera has gone round the vertical line through the point that it looks at.
 #[derive(Clone, Copy)]
 struct Turn {
-    target: DVec3,
+    look_at: LookAt,
     angle_rad: f64,
-}
-
-impl Turn {
-    /// The turn of the world that a camera sees instead of its own.
-    fn of_world(self) -> Mat4 {
-        let turn = DMat3::from_rotation_z(self.angle_rad);
-        let shift = (self.target - turn * self.target).as_vec3();
-        // The rotation by itself is made in f32, as all cameras are; about the origin nothing else is left of the turn.
-        Mat4 { w_axis: shift.extend(1.0), ..Mat4::from_rotation_z(narrow(self.angle_rad)) }
-    }
 }
 
 /// Camera of frame `i`: a view of its own, or the only one turned.
 fn shot(views: &[View], i: usize, turn: Turn) -> Camera {
     match views {
-        [one] => Camera { world_to_camera: one.camera.world_to_camera * turn.of_world(), ..one.camera },
+        [one] => one.camera.around(turn.look_at.target, DMat3::from_axis_angle(turn.look_at.up, turn.angle_rad)),
         several => several[i].camera,
     }
 }

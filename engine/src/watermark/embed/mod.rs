@@ -32,7 +32,7 @@ mod visibility;
 pub use config::{
     AdaptiveSchedule, Aim, BlindConfig, CalibrationConfig, ColourConfig, Control, ControlClips, EmbedConfig, Extractor,
     Fidelity, FramingChoice, JointConfig, LpipsTerm, NoneConfig, Objective, Optimiser, Phase, PretrainedConfig,
-    Profile, TrainingViews, Weights, WeightsFile,
+    Profile, TrainingCamera, TrainingViews, Weights, WeightsFile,
 };
 pub use embedding::Embedding;
 pub use estimate::Estimate;

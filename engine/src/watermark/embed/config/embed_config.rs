@@ -85,16 +85,7 @@ impl EmbedConfig {
         let config = Self {
             profile,
             seed: 0,
-            views: TrainingViews {
-                target: None,
-                radius: None,
-                fov_deg: 39.6,
-                size_px: (400, 400),
-                clips,
-                elevation_deg: (5.0, 65.0),
-                turn_deg: 12.0,
-                framing: FramingChoice::Auto,
-            },
+            views: TrainingViews::new((400, 400), clips),
             fidelity: Fidelity {
                 target_psnr: 0.0,
                 start_psnr: 0.0,

@@ -3,6 +3,7 @@
 use std::fmt::Display;
 use std::str::FromStr;
 
+use glam::DVec3;
 use serde::de::DeserializeOwned;
 use serde::de::value::StrDeserializer;
 
@@ -38,6 +39,12 @@ pub(super) fn point(text: &str) -> Result<[f64; 3], String> {
         Some(&[x, y, z]) if [x, y, z].iter().all(|n| n.is_finite()) => Ok([x, y, z]),
         _ => Err(format!("`{text}`: expected three numbers, X,Y,Z")),
     }
+}
+
+/// A direction, `X,Y,Z`, brought to the length 1.
+pub(super) fn direction(text: &str) -> Result<[f64; 3], String> {
+    let given = DVec3::from_array(point(text)?);
+    given.try_normalize().map(|unit| unit.to_array()).ok_or_else(|| format!("`{text}`: expected a direction, X,Y,Z"))
 }
 
 /// A number in single precision, as flags of angles have always been read: marks of a seed hang on its last bits.
