@@ -51,6 +51,9 @@ pub(crate) struct FramingArgs {
     /// multiplied by the number of guesses: 9 for rotation, 5 for crop, 565 for window, 5 for brightness, 2 for mirror;
     /// 45 for rotation,crop. Every frame is read as often. Name all kinds at once: whoever tries one list after the
     /// other has tried both.
+    ///
+    /// `auto` looks at the films first: where they are framed by what they show it guesses mirror, 2 times, and
+    /// otherwise rotation,crop,mirror, 90 times.
     #[arg(long, value_name = "KIND,…")]
     undo_guess: Option<GuessSearch>,
 }

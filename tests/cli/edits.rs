@@ -61,6 +61,9 @@ fn what_was_done_to_a_film_is_found_undone_and_paid_for() {
             assert_eq!(undone["evidence"]["verdict"], "present", "{chain}");
         }
     }
+    // This extractor remembers no views, so that nothing is framed and everything is worth a guess.
+    let auto = read(&edits, &folder.path().join("mirror"), &[&"--undo-guess", &"auto"]);
+    assert_eq!((&auto["undone"]["tried"], &auto["undone"]["mirror"]), (&90.into(), &Value::from(true)), "{auto}");
     let key = edits.file("owner.key");
     let words = edits.verify_film(&folder.path().join("mirror"), &key, &[&"--undo-guess", &"mirror"]).stdout;
     assert!(words.contains("mirrored; nearest to the claim of 2 guesses"), "{words}");

@@ -102,6 +102,7 @@ fn a_turned_film_that_is_framed_as_usual_is_turned_about_its_middle() {
     }
     let framings = Framings::of(&parts);
     assert_eq!((framings.cut, framings.turned, framings.usual), (8, 8, 0), "{framings:?}");
+    assert!(framings.are_framed() && !Framings::default().are_framed(), "{framings:?}");
 }
 
 #[test]

@@ -48,7 +48,11 @@ fn guesses_are_all_combinations_and_nothing_at_all_is_the_first() {
             assert!(!guesses[..i].contains(guess), "{kinds}: {guess:?} twice");
         }
     }
-    for nonsense in ["", "jpeg", "rotation:5", "rotation,,crop"] {
+    assert!(search("auto").is_auto() && search("auto").guesses() == [UndoGuess::NONE], "left to the films");
+    assert!(!GuessSearch::suited(true).is_auto() && !search("mirror").is_auto(), "settled");
+    assert_eq!(GuessSearch::suited(true), search("mirror"), "framing undoes the rest");
+    assert_eq!(GuessSearch::suited(false), search("rotation,crop,mirror"));
+    for nonsense in ["", "jpeg", "auto,mirror", "rotation:5", "rotation,,crop"] {
         let refused = nonsense.parse::<GuessSearch>().expect_err(nonsense);
         assert!(refused.contains("rotation, crop, window, brightness, mirror"), "{nonsense}: {refused}");
     }

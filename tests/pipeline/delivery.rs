@@ -300,6 +300,10 @@ fn deliver_and_verify(mode: ExtractorMode) {
     verify(&gpu, &owner, &out);
 }
 
+fn inputs_of(film: &Path) -> VerifyInputs {
+    VerifyInputs { suspects: vec![Suspect::Video(film.to_owned())], ..VerifyInputs::default() }
+}
+
 /// Reads the mark from frames and, of one mode, from video.
 fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
     let receipt = out.join(PRIVATE).join(RECEIPT);
@@ -315,6 +319,8 @@ fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
         trusted_clip: None,
         claims: NonZeroU32::MIN,
     };
+    let extractor = TensorFile::read(&request.extractor_path()).expect("beside the receipt");
+    let is_framed = extractor.tensors.contains_key("known_views.placements");
     let mut suspects = vec![out.join("preview")];
     if owner.config.mode() == ExtractorMode::Blind && crate::support::has_ffmpeg() {
         let model = Model::open(&out.join(MARKED)).expect("the marked model opens");
@@ -323,9 +329,13 @@ fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
         write_video(&suspects[1], &frames, &EncodeOptions::default()).expect("encodes");
     }
     for path in suspects {
-        let inputs = VerifyInputs { suspects: vec![Suspect::Video(path.clone())], ..VerifyInputs::default() };
+        let inputs = inputs_of(&path);
         let report = request.verify(&inputs, &ReadOptions::default()).expect("verifies");
         assert_eq!(report.frames, 2, "frames of {}", path.display());
+        let auto = VerifyInputs { guesses: "auto".parse().expect("a word"), ..inputs_of(&path) };
+        let guessed = request.verify(&auto, &ReadOptions::default()).expect("verifies");
+        let tried = if is_framed { 2 } else { 90 };
+        assert_eq!(guessed.undone.map(|undone| undone.tried), Some(tried), "guesses that suit {}", path.display());
         let frames = read_clip(&path, &ReadOptions::default()).expect("decodes").frames().to_vec();
         let suspects = vec![Suspect::Frames { name: "in memory".to_owned(), frames }];
         let inputs_in_memory = VerifyInputs { suspects, ..VerifyInputs::default() };

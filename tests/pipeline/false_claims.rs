@@ -15,6 +15,7 @@ use guard4d_engine::evidence::statistics::{SoftScoreNull, after_search, binomial
 use guard4d_engine::media::Frame;
 use guard4d_engine::release::evaluate::HeldOut;
 use guard4d_engine::render::render_frames;
+use guard4d_engine::scene::camera::classes::CameraClass;
 use guard4d_engine::scene::camera::paths::{Band, Lens, Orbit};
 use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{CameraSet, FrameSize, LookAt, Model, procedural};
@@ -36,8 +37,8 @@ use crate::support::{repo, trained};
 const BITS: usize = 48;
 /// Scenes that are filmed: the built-in one, and random ones.
 const SCENES: u64 = 10;
-/// Films of each.
-const FILMS: usize = 20;
+/// Films of each: ten from anywhere, and one of each class of cameras.
+const FILMS: usize = 10 + CameraClass::ALL.len();
 /// Frames of a film.
 const FRAMES: usize = 4;
 /// Sides of a frame, px.
@@ -48,7 +49,8 @@ const SECRETS: u64 = 250;
 const READINGS: usize = 2 * SECRETS as usize * SCENES as usize * FILMS;
 const PICTURE: &str = "docs/images/false-claims.svg";
 
-/// Unmarked 8-bit films of everything: all around, from below the horizon to above, near and far.
+/// Unmarked 8-bit films of everything: all around, from below the horizon to above, near and far, and of every class of
+/// cameras. The readers frame them by what the built-in scene looks like, those of the other scenes too.
 fn films(gpu: &Gpu) -> Vec<Vec<Frame>> {
     let demo = DemoScene::unpack().expect("the scene unpacks");
     let mut films = Vec::new();
@@ -59,8 +61,11 @@ fn films(gpu: &Gpu) -> Vec<Vec<Frame>> {
         };
         let band = Band { elevation_deg: -20.0..=80.0, distance: 0.75..=1.5, ..Band::around(LookAt::D_NERF, lens()) };
         let times: Vec<f32> = (0..FRAMES).map(|i| i as f32 / FRAMES as f32).collect();
-        let cameras = band.sample(FILMS as u32, 90 + number).expect("cameras").at_times(&times);
-        films.extend(render_frames(gpu, &model, &cameras).expect("films"));
+        let anywhere = band.sample(10, 90 + number).expect("cameras");
+        let classes = CameraClass::ALL.map(|class| class.cameras(LookAt::D_NERF, lens(), 1).expect("cameras"));
+        for cameras in [anywhere].into_iter().chain(classes) {
+            films.extend(render_frames(gpu, &model, &cameras.at_times(&times)).expect("films"));
+        }
     }
     assert!(films.len() == SCENES as usize * FILMS && films.iter().all(|film| film.len() == FRAMES), "all films");
     films
@@ -98,6 +103,7 @@ impl<'a> Readers<'a> {
         });
         let subject = Subject { device: gpu, clip: &clip, key, model: &model, message: &message };
         let extractor = Embedding::prepare(subject, config).expect("prepares").fitted().clone();
+        assert!(extractor.known_views.is_some(), "films are framed");
         let mut reader = Reader::new(gpu, &clip, key, &extractor).expect("belongs to the key");
         let mut look = |films: &[Vec<Frame>]| -> Vec<f32> {
             films.iter().flat_map(|film| reader.look(film).expect("reads").features).collect()

@@ -75,6 +75,21 @@ impl<'a> ClipReader<'a> {
         self.video(path, self.options.framing, cameras, guesses)
     }
 
+    /// How the frames of a suspect video would be cut.
+    ///
+    /// # Errors
+    /// Those of [`FrameSource`]; what the observer returns.
+    pub(super) fn video_framings(&mut self, path: &Path) -> Result<Framings, EngineError> {
+        let source = FrameSource::open(path, self.options)?;
+        let total = source.expected_frames();
+        Ok(Framings::of(&self.parts(&source, &path.display().to_string(), total)?))
+    }
+
+    /// How frames in memory would be cut.
+    pub(super) fn framings(&self, frames: &[Frame]) -> Framings {
+        self.reader.known_views().map(|views| Framings::of(&views.parts(frames))).unwrap_or_default()
+    }
+
     /// Features and logits of a video that is looked at as it is.
     ///
     /// # Errors

@@ -108,6 +108,24 @@ impl Suspects {
         Ok(all)
     }
 
+    /// Whether all of them are framed, be it by what they show, by their cameras, or because they are filmed for it.
+    ///
+    /// # Errors
+    /// Those of decoding a film.
+    pub(super) fn are_framed(reader: &mut ClipReader<'_>, suspects: &[Suspect]) -> Result<bool, EngineError> {
+        for suspect in suspects {
+            let is_framed = match suspect {
+                Suspect::Video(path) => reader.video_framings(path)?.are_framed(),
+                Suspect::Frames { frames, .. } => reader.framings(frames).are_framed(),
+                Suspect::Filmed { .. } | Suspect::Model { .. } => true,
+            };
+            if !is_framed {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
     /// What all of them show with each guess undone, in the guesses' order.
     pub(super) fn features(&self) -> &[ClipFeatures] {
         &self.features

@@ -16,6 +16,7 @@ use crate::evidence::control::Control;
 use crate::evidence::judgement::{Evidence, judge};
 use crate::evidence::other_keys::OtherKeys;
 use crate::media::ReadOptions;
+use crate::picture::undo_guess::GuessSearch;
 use crate::release::dating::standing::Standing;
 use crate::watermark::extractor::reader::Reader;
 
@@ -51,7 +52,10 @@ impl VerifyRequest<'_> {
 
         let reader = Reader::new(self.device, self.clip, key, extractor)?;
         let mut reader = ClipReader::new(self.device, reader, key.num_bits(), options, observer);
-        let guesses = inputs.guesses.guesses();
+        let guesses = match inputs.guesses.is_auto() {
+            true => GuessSearch::suited(Suspects::are_framed(&mut reader, &inputs.suspects)?).guesses(),
+            false => inputs.guesses.guesses(),
+        };
         let suspects = Suspects::read(&mut reader, &inputs.suspects, &guesses)?;
 
         let answer = nearest(&suspects, key.num_bits(), promised, &prf, opened.rule().statistic)?;

@@ -126,6 +126,13 @@ pub struct Framings {
 }
 
 impl Framings {
+    /// Whether most frames were framed by what they show, or by their cameras.
+    #[must_use]
+    pub fn are_framed(&self) -> bool {
+        let found = self.cut + self.usual;
+        found > self.not_found.values().sum()
+    }
+
     /// Counts the frames of a film.
     #[must_use]
     pub fn of(parts: &[Part]) -> Self {

@@ -115,13 +115,35 @@ fn places(share: f64) -> Vec<f64> {
     (-most..=most).map(|i| f64::from(i) * PLACES).collect()
 }
 
+/// The word for whatever suits a film.
+const AUTO: &str = "auto";
+
 /// Kinds of distortions that a clip may have gone through; none by default.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct GuessSearch {
     kinds: Vec<GuessKind>,
+    is_auto: bool,
 }
 
 impl GuessSearch {
+    /// Whether the kinds are left to what [suits](Self::suited) the film.
+    #[must_use]
+    pub fn is_auto(&self) -> bool {
+        self.is_auto
+    }
+
+    /// What is worth guessing of films that are framed by what they show, or that are not. Framing undoes turns and
+    /// crops for nothing; an asset in a mirror looks like itself from elsewhere. Pictures alone decide, so that the
+    /// guesses that are then tried are all that has to be paid for.
+    #[must_use]
+    pub fn suited(is_framed: bool) -> Self {
+        let kinds = match is_framed {
+            true => vec![GuessKind::Mirror],
+            false => vec![GuessKind::Rotation, GuessKind::Crop, GuessKind::Mirror],
+        };
+        Self { kinds, is_auto: false }
+    }
+
     /// Every combination of the strengths that are guessed; nothing at all comes first.
     #[must_use]
     pub fn guesses(&self) -> Vec<UndoGuess> {
@@ -136,14 +158,18 @@ impl GuessSearch {
     }
 }
 
-/// Names of kinds with commas between them, such as `rotation,crop`.
+/// Names of kinds with commas between them, such as `rotation,crop`, or `auto`.
 impl FromStr for GuessSearch {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
+        if text.trim() == AUTO {
+            return Ok(Self { kinds: Vec::new(), is_auto: true });
+        }
         let find = |name: &str| GuessKind::ALL.into_iter().find(|(_, known)| *known == name.trim());
         let kinds: Option<Vec<_>> = text.split(',').map(|name| find(name).map(|(kind, _)| kind)).collect();
         let names = GuessKind::ALL.map(|(_, name)| name).join(", ");
-        Ok(Self { kinds: kinds.ok_or_else(|| format!("one or more of {names} are expected"))? })
+        let kinds = kinds.ok_or_else(|| format!("{AUTO}, or one or more of {names} are expected"))?;
+        Ok(Self { kinds, is_auto: false })
     }
 }
