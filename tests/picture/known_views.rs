@@ -118,6 +118,23 @@ fn a_cut_to_another_shot_is_not_averaged_over() {
 }
 
 #[test]
+fn shots_that_differ_by_an_eighth_of_a_side_are_told_apart() {
+    let views = known();
+    // Short shots, as of a film that jumps from camera to camera; then frames that each show the asset elsewhere.
+    let places: Vec<[f64; 2]> = (0..5).map(|shot| [20.0 * f64::from(shot) - 40.0, 10.0 * f64::from(shot)]).collect();
+    let frame = |i: usize, off| asset([400, 400], 0.15 * (i % 8) as f64 - 0.5, 1.0, off);
+    let shots: Vec<[f64; 2]> = places.iter().flat_map(|place| [*place; 8]).collect();
+    for (what, offs) in [("shots", shots), ("frames", places)] {
+        let looks: Vec<Look> = offs.iter().enumerate().map(|(i, off)| views.look(&frame(i, *off))).collect();
+        let parts = settle(&looks, ImageSize { height: 400, width: 400 });
+        assert_eq!(parts.len(), offs.len(), "{what}");
+        for (part, off) in parts.into_iter().zip(&offs) {
+            assert_framed(part, off.map(|o| 200.0 + o), 160.0);
+        }
+    }
+}
+
+#[test]
 fn bad_frames_are_shown_whole_with_the_reason_and_do_not_move_the_others() {
     let views = known();
     let mut film: Vec<Frame> = (0..9).map(|i| asset([400, 400], 0.1 * f64::from(i) - 0.4, 1.3, [30.0, 0.0])).collect();

@@ -56,6 +56,14 @@ impl Window {
         [[xx / width, xy / width], [yx / height, yy / height]]
     }
 
+    /// How far two windows are apart, whatever their turns: in sides of the other, or as the logarithm of a ratio of
+    /// sides, whichever is more.
+    pub(super) fn apart(self, other: Self) -> f64 {
+        let off = |i: usize| (self.middle[i] - other.middle[i]).abs() / other.sides[i];
+        let size = |i: usize| (self.sides[i] / other.sides[i]).ln().abs();
+        [off(0), off(1), size(0), size(1)].into_iter().max_by(f64::total_cmp).unwrap_or(0.0)
+    }
+
     /// Whether two windows are as near as `[places, sizes]`, whatever their turns.
     pub(super) fn is_near(self, other: Self, [places, sizes]: [f64; 2]) -> bool {
         (0..2).all(|i| {

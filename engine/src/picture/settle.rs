@@ -7,8 +7,15 @@ use super::part::{Look, Part, TURNS_DEG, Window};
 /// How far a frame's own window may be from the median of the frames around it, in widths or as a logarithm: beyond, it
 /// is of another shot.
 const SAME_SHOT: f64 = 0.15;
+/// Frames before and after one that say where its shot is just then.
+const CLOSE: usize = 4;
+/// Most that half of these may be off their median for that: twice what single frames are off.
+const STEADY: f64 = 0.05;
 /// Frames before and after one that are averaged with it: two seconds of most films.
 const AROUND: usize = 48;
+/// How far the windows of these may be from where the shot is just then: a film that moves on, or that is cut, shows
+/// the asset elsewhere.
+const NEAR: f64 = 0.06;
 /// A window that is as near to the whole frame as this is taken for it, in sides and as a logarithm. Most films are
 /// framed as training was, and nothing is to be lost there by measuring where the asset is; a mark bears to be off by
 /// 8 % of a side in place and 12 % in size.
@@ -30,20 +37,28 @@ pub fn settle(looks: &[Look], size: ImageSize) -> Vec<Part> {
         if let Look::Nothing(why) = look {
             return Part::Fallback(*why);
         }
-        let near = &looks[at.saturating_sub(AROUND)..(at + AROUND + 1).min(looks.len())];
-        let Turn { number, turn_deg } = turn_of(near);
+        let around = |reach: usize| &looks[at.saturating_sub(reach)..(at + reach + 1).min(looks.len())];
+        let Turn { number, turn_deg } = turn_of(around(AROUND));
+        let windows = |looks: &[Look]| looks.iter().filter_map(|look| look.window(number)).collect::<Vec<_>>();
         let Some(own) = look.window(number) else { return Part::All };
-        let near: Vec<Window> = near.iter().filter_map(|look| look.window(number)).collect();
-        let median = middle_of(&near);
-        // A frame that is unlike those around it speaks for itself and for those that are like it.
-        let centre = if own.is_near(median, [SAME_SHOT; 2]) { median } else { own };
-        let window = mean_of(near.into_iter().filter(|window| window.is_near(centre, [SAME_SHOT; 2])));
-        let window = window.unwrap_or(own);
+        let centre = shot_of(own, &windows(around(CLOSE)));
+        let near = windows(around(AROUND)).into_iter().filter(|window| window.is_near(centre, [NEAR; 2]));
+        let window = mean_of(near).unwrap_or(own);
         let window = if window.is_near(whole, USUAL) { whole } else { window };
         let window = Window { turn_deg, ..window };
         if window == whole { Part::All } else { Part::Window(window) }
     };
     looks.iter().enumerate().map(settled).collect()
+}
+
+/// Where the shot of a frame is just then: the median of the frames close to it, if these agree. A frame that is unlike
+/// them, or among frames that differ, speaks for itself.
+fn shot_of(own: Window, close: &[Window]) -> Window {
+    let median = middle_of(close);
+    let mut off: Vec<f64> = close.iter().map(|window| window.apart(median)).collect();
+    let middle = off.len() / 2;
+    let is_steady = *off.select_nth_unstable_by(middle, f64::total_cmp).1 <= STEADY;
+    if is_steady && own.apart(median) <= SAME_SHOT { median } else { own }
 }
 
 /// How a film is turned.
