@@ -24,7 +24,7 @@ fn asset(size: [u32; 2], lean: f64, zoom: f64, off: [f64; 2]) -> Frame {
 fn known() -> KnownViews {
     let mut views = KnownViews::default();
     for lean in -10..=10 {
-        assert!(views.add(&asset([SIDE; 2], f64::from(lean) / 10.0, 1.0, [0.0; 2])), "it stands out");
+        assert!(views.add(&asset([SIDE; 2], f64::from(lean) / 10.0, 1.0, [0.0; 2]), 1.0), "it stands out");
     }
     views
 }
@@ -57,6 +57,19 @@ fn films_from_far_near_and_aside_are_framed_as_the_known_views() {
         for part in settle(&looks, size(&film[0])) {
             assert_framed(part, middle, zoom * f64::from(SIDE));
         }
+    }
+}
+
+#[test]
+fn an_asset_that_fills_trainings_frames_is_framed_by_views_that_show_more() {
+    // Training's frames are those of `known`, of half the side: the asset is cut by their edges.
+    let mut views = KnownViews::default();
+    let leans = (-10..=10).map(|lean| f64::from(lean) / 10.0);
+    assert!(leans.into_iter().all(|lean| views.add(&asset([SIDE; 2], lean, 1.0, [0.0; 2]), 2.0)), "it stands out");
+    let film = (0..12).map(|i| views.look(&asset([400, 400], 0.15 * f64::from(i) - 0.85, 1.2, [30.0, -20.0])));
+    let looks: Vec<Look> = film.collect();
+    for part in settle(&looks, ImageSize { height: 400, width: 400 }) {
+        assert_framed(part, [230.0, 180.0], 1.2 * f64::from(SIDE) / 2.0);
     }
 }
 
@@ -155,11 +168,11 @@ fn bad_frames_are_shown_whole_with_the_reason_and_do_not_move_the_others() {
 #[test]
 fn another_size_of_memory_is_infinitely_far_and_the_same_is_not() {
     let (views, mut fewer) = (known(), KnownViews::default());
-    fewer.add(&asset([SIDE; 2], 0.0, 1.0, [0.0; 2]));
+    fewer.add(&asset([SIDE; 2], 0.0, 1.0, [0.0; 2]), 1.0);
     assert_eq!(views.share_apart(&views.clone()), 0.0);
     let apart = views.share_apart(&fewer);
     assert!(apart.is_nan() || apart.is_infinite(), "{apart}");
-    assert!(!fewer.add(&picture(50, 50, &[])) && fewer.len() == 1, "what does not stand out is not remembered");
+    assert!(!fewer.add(&picture(50, 50, &[]), 1.0) && fewer.len() == 1, "what does not stand out is not remembered");
     assert!(KnownViews::default().is_empty() && !fewer.is_empty(), "empty is empty");
     assert!(matches!(KnownViews::default().look(&asset([SIDE; 2], 0.0, 1.0, [0.0; 2])), Look::Nothing(_)), "no view");
 }

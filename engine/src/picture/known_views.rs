@@ -43,13 +43,14 @@ pub struct KnownViews {
 }
 
 impl KnownViews {
-    /// Adds the view of a frame that shows the asset as training does; whether the asset stands out in it.
-    pub fn add(&mut self, frame: &Frame) -> bool {
+    /// Adds the view of a frame that shows the asset as training does, but this many times as much of it in both
+    /// directions; whether the asset stands out in it.
+    pub fn add(&mut self, frame: &Frame, times: f64) -> bool {
         let Ok(thing) = find(frame) else { return false };
         self.thumbnails.extend(thumbnail(frame, thing, 0.0));
         let sides = [frame.width(), frame.height()].map(f64::from);
         let place = |i: usize| (sides[i] / 2.0 - thing.middle[i]) / thing.spread;
-        let size = |i: usize| (sides[i] / thing.spread).ln();
+        let size = |i: usize| (sides[i] / times / thing.spread).ln();
         self.placements.extend([place(0), place(1), size(0), size(1)].map(single));
         true
     }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use guard4d_kernels::Device;
 
 use super::config::{EmbedConfig, FramingChoice};
+use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::media::Frame;
 use crate::picture::known_views::{KnownViews, MOST_VIEWS};
@@ -14,6 +15,9 @@ use crate::scene::{Camera, FrameSize, Model};
 /// Longer side of the frames that thumbnails are made of, at most. Of 160 px, thin legs and soft edges are another
 /// share of an asset, and films of 400 px were cut 6 % too small (fox).
 const PROBE_PX: u32 = 400;
+/// How much views show, as factors of training's in both directions: as much as training, or twice as much where the
+/// asset fills its frames. From farther away it stands out all the same.
+const SHOWN: [f64; 2] = [1.0, 2.0];
 /// Share of the views in which the asset has to stand out for films to be framed.
 const STANDS_OUT: f64 = 0.9;
 
@@ -32,26 +36,43 @@ pub(super) fn frame(
     if config.views.framing == FramingChoice::Whole {
         return Ok(None);
     }
+    let all: Vec<(Camera, f32)> = shots.iter().flatten().copied().collect();
+    let mut renderer = SceneRenderer::new(device, &model.gaussians, &model.motion, model.background)?;
+    for times in SHOWN {
+        let (views, stands_out) = look(&mut renderer, config, &all, times)?;
+        let suits = stands_out >= STANDS_OUT || config.views.framing == FramingChoice::Known;
+        tracing::debug!(stands_out, times, "share of training views in which the asset stands out");
+        if suits && !views.is_empty() {
+            return Ok(Some(Arc::new(views)));
+        }
+    }
+    Ok(None)
+}
+
+/// What views look like that show so many times as much, and in which share of them the asset stands out.
+fn look(
+    renderer: &mut SceneRenderer,
+    config: &EmbedConfig,
+    all: &[(Camera, f32)],
+    times: f64,
+) -> Result<(KnownViews, f64), EngineError> {
     let (width, height) = config.views.size_px;
     let part = |n: u32| (n * PROBE_PX).div_ceil(width.max(height)).min(n);
     let probe = FrameSize::new(part(width), part(height))?;
-    let all: Vec<(Camera, f32)> = shots.iter().flatten().copied().collect();
     let looks = all.len().min(MOST_VIEWS);
     // Evenly over all of them; in the order of time, so that what moves is moved once for each.
-    let seen = (0..looks).map(|i| all[i * all.len() / looks]).map(|(camera, time)| (camera.resized(probe), time));
+    let wide = |camera: Camera| {
+        let camera = camera.resized(probe);
+        Camera { fx: camera.fx / narrow(times), fy: camera.fy / narrow(times), ..camera }
+    };
+    let seen = (0..looks).map(|i| all[i * all.len() / looks]).map(|(camera, time)| (wide(camera), time));
     let mut seen: Vec<(Camera, f32)> = seen.collect();
     seen.sort_by(|a, b| a.1.total_cmp(&b.1));
     let (mut views, mut stands_out) = (KnownViews::default(), 0.0);
-    let mut renderer = SceneRenderer::new(device, &model.gaussians, &model.motion, model.background)?;
     renderer.render_clips(&[seen], |_, camera, pixels| {
         let frame = Frame::from_rgba32f(camera.width, camera.height, pixels)?;
-        stands_out += f64::from(u8::from(views.add(&frame)));
+        stands_out += f64::from(u8::from(views.add(&frame, times)));
         Ok(())
     })?;
-    tracing::debug!(stands_out, of = looks, "training views in which the asset stands out");
-    let suits = stands_out >= STANDS_OUT * looks as f64;
-    if views.is_empty() || (config.views.framing == FramingChoice::Auto && !suits) {
-        return Ok(None);
-    }
-    Ok(Some(Arc::new(views)))
+    Ok((views, stands_out / looks as f64))
 }
