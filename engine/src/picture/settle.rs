@@ -42,7 +42,7 @@ pub fn settle(looks: &[Look], size: ImageSize) -> Vec<Part> {
         let windows = |looks: &[Look]| looks.iter().filter_map(|look| look.window(number)).collect::<Vec<_>>();
         let Some(own) = look.window(number) else { return Part::All };
         let centre = shot_of(own, &windows(around(CLOSE)));
-        let near = windows(around(AROUND)).into_iter().filter(|window| window.is_near(centre, [NEAR; 2]));
+        let near = windows(around(AROUND)).into_iter().filter(|window| window.apart(centre) <= NEAR);
         let window = mean_of(near).unwrap_or(own);
         let window = if window.is_near(whole, USUAL) { whole } else { window };
         let window = Window { turn_deg, ..window };

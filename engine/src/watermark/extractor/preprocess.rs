@@ -95,14 +95,10 @@ impl Preprocessor {
         }
         if windows != self.windows {
             self.windows = windows;
-            self.cut.replace(ResizePlan::regions(
-                &self.device,
-                self.size,
-                size_of(self.seen),
-                &regions_of(&self.windows),
-            )?);
+            let regions = regions_of(&self.windows);
+            self.cut.replace(ResizePlan::regions(&self.device, self.size, size_of(self.seen), &regions)?);
             if let Some(undoing) = &mut self.undoing {
-                undoing.cut(&self.device, self.size, &regions_of(&self.windows))?;
+                undoing.cut(&self.device, self.size, &regions)?;
             }
         }
         Ok(())
