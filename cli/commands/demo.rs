@@ -96,7 +96,8 @@ const VIDEO: &str = "marked.mp4";
 /// The verdict as a page.
 const PAGE: &str = "verdict.html";
 /// What verifies the film again, from within the folder.
-const REPEAT: &str = "guard4d verify marked.mp4 --key owner.key --receipt private/receipt.json";
+const REPEAT: &str = "guard4d undo marked --undo private/undo.safetensors --out original && guard4d verify marked.mp4 \
+                      --key owner.key --receipt private/receipt.json --original original";
 
 /// What `--json` prints.
 #[derive(Serialize)]

@@ -190,6 +190,7 @@ pub(super) fn rig(
         },
         key_rotation: KeyRotation::FIXED,
         known_views: None,
+        content: None,
     };
     let logits = Reader::new(gpu, clip, key, &extractor).and_then(|mut r| r.logits(frames)).expect("reads");
     for (bit, (zero, wanted)) in extractor.calibration.mean_logits.iter_mut().zip(message.bits()).enumerate() {
@@ -253,8 +254,15 @@ fn an_unrelated_clip_is_quiet_unless_it_says_the_message() {
     let both: [&dyn AsRef<OsStr>; 4] = [&"--unrelated", &plain, &"--unrelated", &suspect];
     let (_, reasons) = pool_and_reasons(&rigged.verify(4, &both), "unmarked_films");
     assert!(reasons.contains("control_fires") && reasons.contains("unrelated clip"), "{reasons}");
-    let twice: [&dyn AsRef<OsStr>; 4] = [&"--unrelated", &plain, &"--unrelated", &plain];
-    let panel = &rigged.verify(0, &twice)["evidence"]["panel"];
+    // The same pixels in files of another content.
+    let repacked = folder.path().join("repacked");
+    fs::create_dir(&repacked).expect("writable");
+    for number in 0..8 {
+        let pixels = image::RgbaImage::from_pixel(64, 64, image::Rgba([90, 90, 90, 255]));
+        pixels.save(repacked.join(format!("{number}.png"))).expect("writable");
+    }
+    let again: [&dyn AsRef<OsStr>; 6] = [&"--unrelated", &plain, &"--unrelated", &plain, &"--unrelated", &repacked];
+    let panel = &rigged.verify(0, &again)["evidence"]["panel"];
     assert_eq!(panel["pools"][0]["num_readings"], 7, "the program's own six, and one film however often: {panel}");
 }
 

@@ -81,6 +81,20 @@ impl Stand {
         receipt.verify_commitment(&path).expect("nothing was changed since");
         receipt
     }
+
+    /// What the commands print that the page gives for repeating it, as JSON.
+    fn repeated(&self) -> Value {
+        let page = fs::read_to_string(self.out.join("verdict.html")).expect("a page");
+        let commands = page.split("<pre tabindex=\"0\">").nth(1).and_then(|rest| rest.split("</pre>").next());
+        let commands = commands.expect("the page says how it is repeated").replace("&amp;", "&");
+        let runs = commands.split(" && ").map(|line| {
+            let words: Vec<&str> = line.split_whitespace().skip(1).collect();
+            let args: Vec<&dyn AsRef<OsStr>> = words.iter().map(|word| word as &dyn AsRef<OsStr>).collect();
+            Run::of(command(&args).current_dir(&self.out).arg("--json").output().expect("it was built with the tests"))
+        });
+        let last = runs.last().expect("a command");
+        serde_json::from_str(&last.stdout).unwrap_or_else(|e| panic!("{e}: {}{}", last.stdout, last.stderr))
+    }
 }
 
 /// The number that `text` begins with.
@@ -149,6 +163,9 @@ fn a_demonstration_prints_json_for_programs() {
     assert!(printed["verification"]["evidence"]["verdict"].is_string(), "{printed}");
     assert!(printed["seconds"]["wrong key"].is_number(), "{printed}");
     assert_eq!(printed["marked"], stand.written().body.figures.bit_accuracy.clip, "as in the receipt");
+    let again = stand.repeated();
+    assert_eq!(again["evidence"]["matches"], printed["verification"]["evidence"]["matches"], "read again");
+    assert_eq!(again["free_part"], printed["verification"]["free_part"], "fitted to the original again");
 }
 
 #[test]

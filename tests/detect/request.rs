@@ -8,10 +8,11 @@ use crate::tidy::sources::root;
 
 /// What a reading is made of: the structs whose fields, and the constants whose values, decide what is read and how it
 /// is judged.
-const STRUCTS: [(&str, &str); 16] = [
+const STRUCTS: [(&str, &str); 17] = [
     ("engine/src/watermark/key/owner_key.rs", "Key"),
     ("engine/src/watermark/extractor/weights.rs", "ExtractorWeights"),
     ("engine/src/watermark/extractor/calibration.rs", "Calibration"),
+    ("engine/src/watermark/extractor/content.rs", "ContentModel"),
     ("engine/src/watermark/extractor/tmsd.rs", "TmsdWeights"),
     ("engine/src/watermark/extractor/rotation.rs", "KeyRotation"),
     ("engine/src/picture/known_views.rs", "KnownViews"),

@@ -71,6 +71,7 @@ fn reader(gpu: &Gpu, owner: &Owner) -> Reader {
         calibration,
         key_rotation: KeyRotation::FIXED,
         known_views: None,
+        content: None,
     };
     Reader::new(gpu, &owner.clip, &owner.key, &extractor).expect("belongs to the key")
 }

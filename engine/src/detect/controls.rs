@@ -1,7 +1,7 @@
 //! Controls beside a question: clips that carry no mark, and keys that had no part in it.
 
 use std::collections::HashSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use guard4d_kernels::Device;
 
@@ -27,7 +27,7 @@ pub struct OtherKey {
 
 /// Clips that carry no mark.
 pub(super) struct Unmarked<'a> {
-    /// Videos, each once.
+    /// Videos and folders.
     pub(super) unrelated: &'a [PathBuf],
     /// Renders of the unmarked asset.
     pub(super) clean: &'a [Vec<Frame>],
@@ -36,7 +36,8 @@ pub(super) struct Unmarked<'a> {
 }
 
 impl Unmarked<'_> {
-    /// Reads all of them, to be compared with `message`.
+    /// Reads all of them, to be compared with `message`. A film that is given again is no further control, however it
+    /// is packed: one that shows the reader the same, frame by frame, counts once.
     ///
     /// # Errors
     /// Those of reading a clip.
@@ -47,9 +48,12 @@ impl Unmarked<'_> {
             controls.push(Control { kind, name, reading, message });
             Ok::<_, EngineError>(())
         };
+        let mut seen = HashSet::new();
         for path in self.unrelated {
-            let logits = reader.plain_video(path)?.logits;
-            add(ControlKind::UnrelatedClip, path.display().to_string(), &logits)?;
+            let clip = reader.plain_video(path)?;
+            if seen.insert(Digest::of(bytemuck::cast_slice(&clip.features))) {
+                add(ControlKind::UnrelatedClip, path.display().to_string(), &clip.logits)?;
+            }
         }
         for (i, frames) in self.clean.iter().enumerate() {
             add(ControlKind::CleanRender, format!("clean view {i}"), &reader.logits(frames)?)?;
@@ -59,36 +63,6 @@ impl Unmarked<'_> {
         }
         Ok(controls)
     }
-}
-
-/// The videos and folders among `paths`, one of each content: a film that is given again is no further control.
-///
-/// # Errors
-/// [`EngineError::MissingInput`] or [`EngineError::Io`] naming the file.
-pub(super) fn unrelated_once(paths: &[PathBuf]) -> Result<Vec<PathBuf>, EngineError> {
-    let (mut seen, mut once) = (HashSet::new(), Vec::new());
-    for path in paths {
-        if seen.insert(content(path)?) {
-            once.push(path.clone());
-        }
-    }
-    Ok(once)
-}
-
-/// Hash of a file; or of the hashes of all files of a folder in hexadecimal, by their names' order.
-///
-/// # Errors
-/// [`EngineError::MissingInput`] or [`EngineError::Io`] naming the file.
-pub(super) fn content(path: &Path) -> Result<Digest, EngineError> {
-    if !path.is_dir() {
-        return Digest::of_file(path);
-    }
-    let io = |source| EngineError::Io { path: path.to_path_buf(), source };
-    let entries = std::fs::read_dir(path).map_err(io)?.collect::<Result<Vec<_>, _>>().map_err(io)?;
-    let mut files: Vec<PathBuf> = entries.into_iter().map(|entry| entry.path()).filter(|path| path.is_file()).collect();
-    files.sort();
-    let hashes = files.iter().map(|file| Digest::of_file(file)).collect::<Result<Vec<_>, _>>()?;
-    Ok(Digest::of(hashes.iter().map(Digest::to_string).collect::<String>().as_bytes()))
 }
 
 impl OtherKey {

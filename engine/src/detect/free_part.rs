@@ -90,13 +90,14 @@ fn compare(
     let subject = Subject { device, clip, key, model: original, message: &message };
     let fitted = refit(subject, &config, extractor.key_rotation)?;
     let deviation = extractor.deviation(&fitted);
-    let Deviation { colour_map, mean_image, directions, mean_logits, known_views } = deviation;
+    let Deviation { colour_map, mean_image, directions, mean_logits, known_views, content } = deviation;
     let parts = [
         ("tmsd.colour_map", colour_map),
         ("calibration.mean_image", mean_image),
         ("calibration.directions", directions),
         ("calibration.mean_logits", mean_logits),
         ("known_views", known_views),
+        ("content", content),
     ];
     // A NaN is further than any bound.
     match parts.into_iter().find(|(_, apart)| apart.is_nan() || *apart > TOLERANCE) {

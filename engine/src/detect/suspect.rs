@@ -1,9 +1,8 @@
 //! What is under suspicion, and what is read of it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::clip_reader::{ClipReader, SeenClip};
-use super::controls::content;
 use super::exhibit::{Exhibit, choose};
 use crate::base::digest::Digest;
 use crate::error::EngineError;
@@ -205,4 +204,20 @@ impl SuspectClip {
     pub(super) fn cut(&self) -> Option<Rect> {
         self.cut
     }
+}
+
+/// Hash of a file; or of the hashes of all files of a folder in hexadecimal, by their names' order.
+///
+/// # Errors
+/// [`EngineError::MissingInput`] or [`EngineError::Io`] naming the file.
+fn content(path: &Path) -> Result<Digest, EngineError> {
+    if !path.is_dir() {
+        return Digest::of_file(path);
+    }
+    let io = |source| EngineError::Io { path: path.to_path_buf(), source };
+    let entries = std::fs::read_dir(path).map_err(io)?.collect::<Result<Vec<_>, _>>().map_err(io)?;
+    let mut files: Vec<PathBuf> = entries.into_iter().map(|entry| entry.path()).filter(|path| path.is_file()).collect();
+    files.sort();
+    let hashes = files.iter().map(|file| Digest::of_file(file)).collect::<Result<Vec<_>, _>>()?;
+    Ok(Digest::of(hashes.iter().map(Digest::to_string).collect::<String>().as_bytes()))
 }

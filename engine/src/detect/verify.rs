@@ -2,7 +2,7 @@
 
 use super::choice::{Answer, nearest};
 use super::clip_reader::ClipReader;
-use super::controls::{Unmarked, unrelated_once};
+use super::controls::Unmarked;
 use super::free_part::FreePart;
 use super::opened::Opened;
 use super::own_clips::own_clips;
@@ -46,7 +46,6 @@ impl VerifyRequest<'_> {
         let (key, prf) = (self.key, self.key.prf());
         let opened = Opened::open(self)?;
         let (extractor, promised) = (opened.extractor(), opened.promised());
-        let unrelated = unrelated_once(&inputs.unrelated)?;
         let free_part = FreePart::check(self, opened.receipt(), extractor)?;
         let standing = Standing::find(self.receipt, &opened.commitment(), &inputs.dates)?;
 
@@ -63,7 +62,7 @@ impl VerifyRequest<'_> {
         let chosen = [tried, self.claims.get(), standing.receipts()];
         let chosen = chosen.into_iter().fold(extractor.key_rotation.of, u32::saturating_mul);
 
-        let unmarked = Unmarked { unrelated: &unrelated, clean: &inputs.clean, own: &own_clips(self.device)? };
+        let unmarked = Unmarked { unrelated: &inputs.unrelated, clean: &inputs.clean, own: &own_clips(self.device)? };
         let mut controls = unmarked.read(&mut reader, answer.message())?;
         let features = &suspects.features()[answer.guess()].features;
         for other in &inputs.other_keys {

@@ -1,6 +1,7 @@
 //! The extractor and its parts.
 
 mod calibration;
+mod content;
 mod pretrained;
 mod reader;
 mod scatter;

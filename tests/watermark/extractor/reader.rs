@@ -27,6 +27,7 @@ fn frames_are_seen_alike_whether_they_come_together_or_one_by_one() {
         },
         key_rotation: KeyRotation::FIXED,
         known_views: None,
+        content: None,
     };
     let mut reader = Reader::new(&gpu, &owner.clip, &owner.key, &extractor).expect("belongs to the key");
     let frame = |t: u32, side: u32| {

@@ -1,16 +1,20 @@
 //! Embedding: optimising SH offsets so that rendered clips carry the message (Guard4D Sec. 3.3–3.5).
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use guard4d_kernels::Device;
+use guard4d_kernels::shape::ClipShape;
 
 use super::buffers::TrainingBuffers;
 use super::config::{EmbedConfig, Extractor, FramingChoice};
 use super::draw::draw;
 use super::extractor_loss::ExtractorLoss;
 use super::fidelity_hold::FidelityHold;
-use super::fit::{self, FitContext, Fitted};
+use super::fit::{self, Fitted};
+use super::fit_context::FitContext;
+use super::foretold::{Foretold, TakenOff};
 use super::pool::{ClipPool, is_over_budget};
 use super::progress::Progress;
 use super::repeated::Repetition;
@@ -23,8 +27,9 @@ use crate::base::digest::Digest;
 use crate::error::EngineError;
 use crate::networks::clip::TowerPurpose;
 use crate::scene::Camera;
+use crate::watermark::extractor::content::ContentModel;
 use crate::watermark::extractor::features::{FeatureExtractor, Training};
-use crate::watermark::extractor::weights::ExtractorWeights;
+use crate::watermark::extractor::weights::{CLIP_FRAMES, ExtractorWeights};
 use crate::watermark::key::decoder::Decoder;
 use crate::watermark::key::owner_key::Key;
 use crate::watermark::step_part::{StepPart, StepSeconds};
@@ -102,13 +107,13 @@ impl<'a> Embedding<'a> {
         seconds.insert("plan".to_owned(), started.elapsed().as_secs_f64());
 
         let started = Instant::now();
-        let chosen = Chosen::from(&subject, &config, start, &mut clips, &mut buffers)?;
+        let mut chosen = Chosen::from(&subject, &config, start, &mut clips, &mut buffers)?;
         check_mode(&config, &chosen.weights)?;
         let visibility = match config.rates_differ() {
             true => Some(visibility::measure(device, &mut clips, &mut buffers)?),
             false => None,
         };
-        let loss = extractor_loss(&subject, &config, &chosen, &mut clips)?;
+        let loss = extractor_loss(&subject, &config, &mut chosen, &mut clips)?;
         seconds.insert("fit".to_owned(), started.elapsed().as_secs_f64());
         seconds.insert("train".to_owned(), 0.0);
         let Chosen { weights, frozen, search, .. } = chosen;
@@ -190,6 +195,7 @@ impl<'a> Embedding<'a> {
         let (index, mut rng) = draw(subject.key, config.seed, step, clips.training().len());
         let clip = loss.clip(clips, buffers, index)?;
         let inputs = StepInputs::draw(config, step, decay, self.hold.offset_scale, &mut rng);
+        loss.foretell(subject.device, index, &clip)?;
         loss.make_room(subject.device, clips, &clip, inputs)?;
         let (report, timings) = loss.step(subject.device, buffers, &clip, config, inputs)?;
         if !(report.total.is_finite() && report.mse.is_finite()) {
@@ -290,7 +296,7 @@ impl<'a> Embedding<'a> {
                 clips.with_room(|| FeatureExtractor::new(device, clip, tmsd, 1, TowerPurpose::Features))?;
             let (config, prf, pool, buffers) = (&config, &key.prf(), &mut clips, &mut buffers);
             let mut context = FitContext { device, config, prf, pool, buffers };
-            let unmarked = fit::unmarked_features(&mut context, &mut features)?;
+            let unmarked = fit::unmarked_features(&mut context, &mut features, None)?;
             clips.with_room(|| fit::set_zero(device, key, &mut weights.calibration, &unmarked))?;
             check_finite("mean logits of unmarked clips", &weights.calibration.mean_logits)?;
         }
@@ -325,6 +331,8 @@ struct Chosen {
     frozen: Option<Digest>,
     /// Rotations to be tried.
     search: Option<RotationSearch>,
+    /// What clips are foretold to say unmarked.
+    foretold: Option<Foretold>,
 }
 
 impl Chosen {
@@ -340,14 +348,19 @@ impl Chosen {
             Start::Fit => {
                 let prf = &key.prf();
                 let mut context = FitContext { device, config, prf, pool, buffers };
-                let Fitted { weights, unmarked } = fit::extractor(&mut context, clip, key)?;
+                let Fitted { weights, unmarked, foretold } = fit::extractor(&mut context, clip, key)?;
                 let of = config.extractor.rotations();
                 let search = (of > 1).then(|| RotationSearch::new(of, weights.calibration.clone(), unmarked));
-                Ok(Self { weights, branches: config.branches(), frozen: None, search })
+                Ok(Self { weights, branches: config.branches(), frozen: None, search, foretold })
             }
             // The control losses say nothing about offsets, and R is not to be trained.
             Start::Frozen(given) => {
-                Ok(Self { weights: given.clone(), branches: 1, frozen: Some(given.digest(key)?), search: None })
+                let side = clip.config().vision_config.image_size;
+                let seen = ClipShape { frames: CLIP_FRAMES, height: side, width: side };
+                let by = |model: &Arc<ContentModel>| Foretold::by(device, seen, Arc::clone(model));
+                let foretold = given.content.as_ref().map(by).transpose()?;
+                let frozen = Some(given.digest(key)?);
+                Ok(Self { weights: given.clone(), branches: 1, frozen, search: None, foretold })
             }
         }
     }
@@ -358,10 +371,11 @@ impl Chosen {
 fn extractor_loss(
     subject: &Subject<'_>,
     config: &EmbedConfig,
-    chosen: &Chosen,
+    chosen: &mut Chosen,
     clips: &mut ClipPool,
 ) -> Result<ExtractorLoss, EngineError> {
     let Subject { device, clip, key, message, .. } = *subject;
+    let foretold = chosen.foretold.take();
     let Chosen { weights, branches, .. } = chosen;
     let make = |purpose| {
         let mut features = FeatureExtractor::new(device, clip, weights.tmsd.as_ref(), *branches, purpose)?;
@@ -371,11 +385,16 @@ fn extractor_loss(
         ExtractorLoss::new(device, features, folded_decoder(device, key, weights)?, message, config)
     };
     let kept = clips.with_room_beside_one(|| make(TowerPurpose::InputGradient));
-    if !is_over_budget(&kept) {
-        return kept;
+    let mut loss = if is_over_budget(&kept) {
+        tracing::debug!("activations are computed again on the way back");
+        clips.with_room(|| make(TowerPurpose::LeanInputGradient))?
+    } else {
+        kept?
+    };
+    if let Some(foretold) = foretold {
+        loss.take_off(TakenOff::new(device, clips, foretold, CLIP_FRAMES * key.text_mean.len())?);
     }
-    tracing::debug!("activations are computed again on the way back");
-    clips.with_room(|| make(TowerPurpose::LeanInputGradient))
+    Ok(loss)
 }
 
 /// The key's decoder as it reads image features.

@@ -3,19 +3,18 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use guard4d_kernels::loss::Term;
 use guard4d_kernels::loss::bce::{self, Answers, Groups, Objective};
-use guard4d_kernels::loss::pixel::{self, PixelWeights};
-use guard4d_kernels::loss::ssim::{self, SsimPair, SsimScratch};
-use guard4d_kernels::loss::sum::SumScratch;
-use guard4d_kernels::loss::{PixelPair, Term};
 use guard4d_kernels::nn::axpy;
 use guard4d_kernels::optim::adam::AdamConfig;
 use guard4d_kernels::shape::Accumulate;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder, Timings};
 
-use super::buffers::{MarkedFrames, TrainingBuffers};
+use super::buffers::TrainingBuffers;
 use super::config::turns::ControlTurn;
 use super::config::{EmbedConfig, JointConfig};
+use super::fidelity_loss::{DISSIMILARITY, FidelityLoss, L1, MSE, NUM_VALUES, OFFSET};
+use super::foretold::TakenOff;
 use super::perception::Perception;
 use super::pool::{ClipPool, is_over_budget};
 use super::repeated::{Constants, Repeated, Repetition};
@@ -31,13 +30,6 @@ use crate::watermark::extractor::weights::CLIP_FRAMES;
 use crate::watermark::key::decoder::{Decoder, DecoderPass};
 use crate::watermark::step_part::StepPart;
 
-/// Slots of the value buffer; `loss/pixel` fills the first two in this order.
-const MSE: usize = 0;
-const L1: usize = 1;
-const DISSIMILARITY: usize = 2;
-const OFFSET: usize = 3;
-const NUM_VALUES: usize = 4;
-
 /// The extractor in training, with its losses.
 pub(super) struct ExtractorLoss {
     features: FeatureExtractor,
@@ -48,16 +40,15 @@ pub(super) struct ExtractorLoss {
     target: Buffer<f32>,
     message: Message,
     objective: Objective,
-    values: Buffer<f32>,
+    fidelity: FidelityLoss,
     branches: Vec<Branch>,
-    /// What the host reads of a step, in one piece: `values`, the branches' losses, logits of all branches, LPIPS.
+    /// What the host reads of a step, in one piece: fidelity, the branches' losses, logits of all branches, LPIPS.
     report: Buffer<f32>,
     scratch_logits: Buffer<f32>,
-    sums: SumScratch,
-    /// Working memory for SSIM, when it is part of the loss.
-    similarity: Option<SsimScratch>,
     /// LPIPS, when it is part of the loss.
     perception: Option<Perception>,
+    /// What is taken off features before they are decoded, if anything is.
+    content: Option<TakenOff>,
 }
 
 /// Logits of one clip and their loss.
@@ -97,7 +88,6 @@ impl ExtractorLoss {
                 value: device.buffer("loss.value", 1)?,
             })
         };
-        let size = config.views.frame_size();
         Ok(Self {
             passes: match config.goes_without_control() {
                 false => vec![decoder.pass(device, branches * CLIP_FRAMES)?],
@@ -105,15 +95,10 @@ impl ExtractorLoss {
             },
             repeated: Repeated::default(),
             target: device.buffer_from("loss.target", &bits)?,
-            values: device.buffer("loss.values", NUM_VALUES)?,
+            fidelity: FidelityLoss::new(device, config)?,
             branches: (0..branches).map(|_| branch()).collect::<Result<_, _>>()?,
             report: device.readback("loss.report", reported)?,
             scratch_logits: device.buffer("loss.scratch_logits", CLIP_FRAMES * bits.len())?,
-            sums: SumScratch::new(device, CLIP_FRAMES * size.height * size.width)?,
-            similarity: match config.objective.uses_ssim() {
-                true => Some(SsimScratch::new(device, size, CLIP_FRAMES)?),
-                false => None,
-            },
             objective: match config.objective.margin {
                 margin if margin > 0.0 => Objective::Margin { margin },
                 _ => Objective::Bce,
@@ -122,7 +107,22 @@ impl ExtractorLoss {
             perception,
             features,
             decoder,
+            content: None,
         })
+    }
+
+    /// Takes off features what is foretold of them from now on.
+    pub(super) fn take_off(&mut self, content: TakenOff) {
+        self.content = Some(content);
+        self.repeated.forget();
+    }
+
+    /// Gets ready for a step on this clip, or for reading it.
+    pub(super) fn foretell(&mut self, device: &Device, number: usize, clip: &TrainingClip) -> Result<(), EngineError> {
+        if let Some(content) = &mut self.content {
+            content.foretell(device, number, clip)?;
+        }
+        Ok(())
     }
 
     /// Reads what CLIP says by another decoder of the same sizes.
@@ -233,7 +233,7 @@ impl ExtractorLoss {
         let started = Instant::now();
         let mut rec = device.recorder()?;
         buffers.draw(&mut rec, clip)?;
-        self.fidelity(&mut rec, buffers, clip, config)?;
+        self.fidelity.record(&mut rec, buffers, clip, config)?;
         if let (Some(perception), Some(corner)) = (&mut self.perception, inputs.crop) {
             StepPart::Losses.record(&mut rec, |rec| perception.step(rec, buffers.marked(), clip, corner))?;
         }
@@ -248,34 +248,6 @@ impl ExtractorLoss {
             perception.remember(clip);
         }
         Ok((self.report(config, inputs)?, timings))
-    }
-
-    /// Reconstruction loss, with its gradient beside the marked frames where that is wanted, and the squared error.
-    fn fidelity(
-        &mut self,
-        rec: &mut Recorder,
-        buffers: &mut TrainingBuffers,
-        clip: &TrainingClip,
-        config: &EmbedConfig,
-    ) -> Result<(), KernelError> {
-        let MarkedFrames { frames, gradient } = buffers.marked();
-        let objective = &config.objective;
-        let Self { values, sums, similarity, .. } = self;
-        let num_px = frames.len() / 4;
-        let pair = PixelPair { image: frames, image_px: 0, reference: &clip.reference, reference_px: 0, num_px };
-        // The squared error is only measured: the fidelity is held by scaling the offsets.
-        let weights = PixelWeights { square: 0.0, absolute: 1.0 - objective.lambda_ssim };
-        StepPart::Losses.record(rec, |rec| {
-            let term = Term { values, slot: MSE, weight: objective.lambda_recon, accumulate: Accumulate::Overwrite };
-            pixel::step(rec, &pair, weights, Some(&mut *gradient).filter(|v| !v.is_empty()), term, sums)?;
-            if let (Some(moments), Some(scratch)) = (&clip.moments, similarity) {
-                let pair = SsimPair { clip: frames, reference: &clip.reference, moments };
-                let weight = objective.lambda_recon * objective.lambda_ssim;
-                let term = Term { values, slot: DISSIMILARITY, weight, accumulate: Accumulate::Add };
-                ssim::step(rec, &pair, gradient, term, scratch)?;
-            }
-            Ok(())
-        })
     }
 
     /// R of the marked clip and of the step's control.
@@ -332,12 +304,21 @@ impl ExtractorLoss {
     ) -> Result<(), KernelError> {
         self.features.read(rec)?;
         let (training, pass) = (self.training_in(inputs), self.pass_index(inputs));
-        let features = self.features.features();
-        StepPart::Clip.record(rec, |rec| self.decoder.forward(rec, features, &mut self.passes[pass]))?;
+        StepPart::Clip.record(rec, |rec| self.decode(rec, pass))?;
         StepPart::Losses.record(rec, |rec| self.message_losses(rec, config, inputs))?;
         let pass = &mut self.passes[pass];
         StepPart::Clip.record(rec, |rec| self.decoder.backward(rec, pass))?;
         self.features.backward(rec, &pass.v_features, training)
+    }
+
+    /// Logits of what was read last.
+    fn decode(&mut self, rec: &mut Recorder, pass: usize) -> Result<(), KernelError> {
+        let Self { features, decoder, passes, content, .. } = self;
+        let seen = match content {
+            Some(content) => content.free(rec, features.features())?,
+            None => features.features(),
+        };
+        decoder.forward(rec, seen, &mut passes[pass])
     }
 
     /// Message loss on what sets the marked clip's logits apart from the control's, and the control loss.
@@ -402,7 +383,7 @@ impl ExtractorLoss {
         let (training, weight) = (self.training_in(inputs), config.objective.lambda_offset);
         let offsets = &mut buffers.offsets;
         if weight > 0.0 {
-            let term = Term { values: &mut self.values, slot: OFFSET, weight, accumulate: Accumulate::Add };
+            let term = Term { values: &mut self.fidelity.values, slot: OFFSET, weight, accumulate: Accumulate::Add };
             StepPart::Losses.record(rec, |rec| offsets.add_penalty(rec, term))?;
         }
         StepPart::Optimiser.record(rec, |rec| {
@@ -418,7 +399,7 @@ impl ExtractorLoss {
 
     /// Copies what the host reads of a step into one buffer.
     fn gather(&mut self, rec: &mut Recorder) -> Result<(), KernelError> {
-        rec.copy(&self.values, 0, &mut self.report, 0, NUM_VALUES)?;
+        rec.copy(&self.fidelity.values, 0, &mut self.report, 0, NUM_VALUES)?;
         for (i, branch) in self.branches.iter().enumerate() {
             rec.copy(&branch.value, 0, &mut self.report, NUM_VALUES + i, 1)?;
         }
@@ -475,13 +456,12 @@ impl ExtractorLoss {
         let at = NUM_VALUES + branches;
         let mut rec = device.recorder()?;
         buffers.render(&mut rec, clip)?;
-        self.fidelity(&mut rec, buffers, clip, config)?;
+        self.fidelity.record(&mut rec, buffers, clip, config)?;
         let all = [buffers.resized(), &clip.resized];
         self.features.forward(&mut rec, &all[..branches])?;
-        let pass = &mut self.passes[0];
-        self.decoder.forward(&mut rec, self.features.features(), pass)?;
-        rec.copy(&self.values, 0, &mut self.report, 0, NUM_VALUES)?;
-        rec.copy(&pass.logits, 0, &mut self.report, at, len * branches)?;
+        self.decode(&mut rec, 0)?;
+        rec.copy(&self.fidelity.values, 0, &mut self.report, 0, NUM_VALUES)?;
+        rec.copy(&self.passes[0].logits, 0, &mut self.report, at, len * branches)?;
         rec.submit()?;
         let read = self.report.read()?;
         let (marked, unmarked) = read[at..at + len * branches].split_at(len);

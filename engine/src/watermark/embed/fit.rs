@@ -10,10 +10,10 @@ use guard4d_kernels::shape::{ClipShape, OffsetBases};
 use nalgebra::{Matrix3, SymmetricEigen};
 use rand_chacha::ChaCha20Rng;
 
-use super::buffers::TrainingBuffers;
-use super::config::{CalibrationConfig, EmbedConfig, Extractor, JointConfig};
-use super::pool::ClipPool;
-use crate::base::prf::{self, Prf, standard_normal, uniform_below};
+use super::config::{CalibrationConfig, ContentChoice, Extractor, JointConfig};
+use super::fit_context::FitContext;
+use super::foretold::{Foretold, take_off};
+use crate::base::prf::{self, standard_normal, uniform_below};
 use crate::error::EngineError;
 use crate::networks::clip::{ClipModel, TowerPurpose};
 use crate::picture::distortion::{Distortion, DistortionLayer, Drawn};
@@ -36,22 +36,14 @@ pub(super) const CLIPS_PER_PROBE: usize = 2;
 /// Frames of these.
 const FRAMES_PER_PROBE: usize = CLIPS_PER_PROBE * CLIP_FRAMES;
 
-/// What fitting reads unmarked clips with, on the way to an extractor.
-pub(super) struct FitContext<'a> {
-    pub(super) device: &'a Device,
-    pub(super) config: &'a EmbedConfig,
-    pub(super) prf: &'a Prf,
-    pub(super) pool: &'a mut ClipPool,
-    /// Its offsets are zero before and after.
-    pub(super) buffers: &'a mut TrainingBuffers,
-}
-
 /// An extractor for one asset.
 pub(super) struct Fitted {
     /// R (for all but `none`) and the calibration, mixed by the key's first rotation.
     pub(super) weights: ExtractorWeights,
     /// The features that its zero is the mean of.
     pub(super) unmarked: Vec<f32>,
+    /// What clips are foretold to say unmarked, which was taken off all of this.
+    pub(super) foretold: Option<Foretold>,
 }
 
 /// Fits an extractor to the unmarked asset.
@@ -61,26 +53,32 @@ pub(super) fn extractor(context: &mut FitContext<'_>, clip: &ClipModel, key: &Ke
     let mut features =
         context.pool.with_room(|| FeatureExtractor::new(device, clip, tmsd.as_ref(), 1, TowerPurpose::Features))?;
     let (bits, mut rng) = (key.bits(), KeyRotation::FIXED.stream(prf));
+    let content = content_features(context, &mut features)?;
+    let mut foretold = match config.extractor.content() {
+        ContentChoice::Foretold => Some(Foretold::fit(context, features.shape(), &content)?),
+        ContentChoice::Mean => None,
+    };
     let calibration = match &config.extractor {
         Extractor::Pretrained(pretrained) => {
-            let content = content_features(context, &mut features)?.concat();
+            let content = freed(context, content, foretold.as_mut())?;
             Calibration::pretrained(pretrained.weights.get()?, &content, bits, &mut rng)?
         }
         Extractor::None(_) | Extractor::Blind(_) | Extractor::Joint(_) => {
-            let seen = Seen::of(context, &mut features)?;
+            let seen = Seen::of(context, &mut features, content, foretold.as_mut())?;
             Calibration::fit(&seen.features(), bits, &mut rng)?
         }
     };
-    let unmarked = unmarked_features(context, &mut features)?;
+    let unmarked = unmarked_features(context, &mut features, foretold.as_mut())?;
     let mut weights = ExtractorWeights {
         mode: config.mode(),
         tmsd,
         calibration,
         key_rotation: KeyRotation::FIXED,
         known_views: context.pool.known_views(),
+        content: foretold.as_ref().map(Foretold::model),
     };
     context.pool.with_room(|| set_zero(device, key, &mut weights.calibration, &unmarked))?;
-    Ok(Fitted { weights, unmarked })
+    Ok(Fitted { weights, unmarked, foretold })
 }
 
 /// R as it is before it is trained.
@@ -106,16 +104,21 @@ pub(super) struct Seen {
 }
 
 impl Seen {
-    /// Reads unmarked clips, copies of them, and random offsets; nothing of the latter two without a calibration.
-    pub(super) fn of(context: &mut FitContext<'_>, features: &mut FeatureExtractor) -> Result<Self, EngineError> {
-        let content = content_features(context, features)?;
+    /// Reads copies of unmarked clips, and random offsets, where there is a calibration. `content` is what the clips
+    /// themselves say; what is foretold is taken off it and off the copies.
+    pub(super) fn of(
+        context: &mut FitContext<'_>,
+        features: &mut FeatureExtractor,
+        content: Vec<Vec<f32>>,
+        mut foretold: Option<&mut Foretold>,
+    ) -> Result<Self, EngineError> {
         let (mut copies, mut probes) = (Vec::new(), Vec::new());
         if let Some(calibration) = context.config.extractor.calibration() {
-            copies = copies_features(context, features, &calibration.copies)?;
+            copies = copies_features(context, features, &calibration.copies, foretold.as_deref_mut())?;
             probes = calibration_probes(context, features, calibration, &content)?;
         }
         let width = features.features().len() / CLIP_FRAMES;
-        Ok(Self { content: content.concat(), copies, probes, width })
+        Ok(Self { content: freed(context, content, foretold)?, copies, probes, width })
     }
 
     pub(super) fn features(&self) -> AssetFeatures<'_> {
@@ -147,10 +150,31 @@ pub(super) fn set_zero(
     Ok(())
 }
 
-/// Features `[n, D]` of unmarked clips, clean and noisy.
+/// Features of unmarked clips one after the other `[n, D]`, free of what is foretold.
+fn freed(
+    context: &mut FitContext<'_>,
+    mut content: Vec<Vec<f32>>,
+    foretold: Option<&mut Foretold>,
+) -> Result<Vec<f32>, EngineError> {
+    if let Some(foretold) = foretold {
+        for (number, features) in content.iter_mut().enumerate() {
+            match foretold.known(number) {
+                Some(told) => take_off(features, told),
+                None => {
+                    let clip = context.pool.get(number, context.buffers)?;
+                    take_off(features, foretold.of_clip(context.device, number, &clip)?);
+                }
+            }
+        }
+    }
+    Ok(content.concat())
+}
+
+/// Features `[n, D]` of unmarked clips, clean and noisy, free of what is foretold.
 pub(super) fn unmarked_features(
     context: &mut FitContext<'_>,
     features: &mut FeatureExtractor,
+    mut foretold: Option<&mut Foretold>,
 ) -> Result<Vec<f32>, EngineError> {
     let FitContext { device, config, pool, buffers, .. } = context;
     let (low, high) = config.objective.noise_sigma;
@@ -168,7 +192,11 @@ pub(super) fn unmarked_features(
                 }
             }
             rec.submit()?;
-            found.extend(features.features().read()?);
+            let mut seen = features.features().read()?;
+            if let Some(foretold) = foretold.as_deref_mut() {
+                take_off(&mut seen, foretold.of_clip(device, index, &clip)?);
+            }
+            found.extend(seen);
         }
     }
     Ok(found)
@@ -208,7 +236,7 @@ fn silencing(moment: &Matrix3<f64>, gain: f64, level: f64) -> ColourMap {
 }
 
 /// Features of each unmarked clip `[F, D]`.
-fn content_features(
+pub(super) fn content_features(
     context: &mut FitContext<'_>,
     features: &mut FeatureExtractor,
 ) -> Result<Vec<Vec<f32>>, EngineError> {
@@ -224,11 +252,13 @@ fn content_features(
     Ok(found)
 }
 
-/// Features of unmarked clips in copies `[m, D]`, at both ends of each range of strengths.
+/// Features of unmarked clips in copies `[m, D]`, at both ends of each range of strengths, free of what is foretold of
+/// the copies.
 fn copies_features(
     context: &mut FitContext<'_>,
     features: &mut FeatureExtractor,
     copies: &[Distortion],
+    mut foretold: Option<&mut Foretold>,
 ) -> Result<Vec<f32>, EngineError> {
     let FitContext { device, config, pool, buffers, .. } = context;
     let size = config.views.frame_size();
@@ -245,7 +275,11 @@ fn copies_features(
                 buffers.copy_control(&mut rec, &clip, &mut layer, drawn)?;
                 features.forward(&mut rec, &[buffers.control()])?;
                 rec.submit()?;
-                found.extend(features.features().read()?);
+                let mut seen = features.features().read()?;
+                if let Some(foretold) = foretold.as_deref_mut() {
+                    take_off(&mut seen, &foretold.of_frames(device, buffers.control())?);
+                }
+                found.extend(seen);
             }
         }
     }

@@ -10,7 +10,10 @@ mod embedding;
 mod estimate;
 mod extractor_loss;
 mod fidelity_hold;
+mod fidelity_loss;
 mod fit;
+mod fit_context;
+mod foretold;
 mod framed_views;
 mod held_out;
 mod offsets;
@@ -30,9 +33,9 @@ mod training_clip;
 mod visibility;
 
 pub use config::{
-    AdaptiveSchedule, Aim, BlindConfig, CalibrationConfig, ColourConfig, Control, ControlClips, EmbedConfig, Extractor,
-    Fidelity, FramingChoice, JointConfig, LpipsTerm, NoneConfig, Objective, Optimiser, Phase, PretrainedConfig,
-    Profile, TrainingCamera, TrainingViews, Weights, WeightsFile,
+    AdaptiveSchedule, Aim, BlindConfig, CalibrationConfig, ColourConfig, ContentChoice, Control, ControlClips,
+    EmbedConfig, Extractor, Fidelity, FramingChoice, JointConfig, LpipsTerm, NoneConfig, Objective, Optimiser, Phase,
+    PretrainedConfig, Profile, TrainingCamera, TrainingViews, Weights, WeightsFile,
 };
 pub use embedding::Embedding;
 pub use estimate::Estimate;

@@ -14,7 +14,8 @@ use serde::{Deserialize, Serialize};
 
 use super::buffers::TrainingBuffers;
 use super::config::{EmbedConfig, FramingChoice, Profile};
-use super::fit::{self, FitContext, Seen};
+use super::fit::{self, Seen};
+use super::fit_context::FitContext;
 use super::pool::ClipPool;
 use crate::base::digest::Digest;
 use crate::base::matrix::row_major;
@@ -223,7 +224,8 @@ impl<'a> Pretraining<'a> {
         if let (Some(tmsd), Some(map)) = (self.features.tmsd(), map) {
             tmsd.set_colour_map(map);
         }
-        let seen = Seen::of(&mut context, &mut self.features)?;
+        let content = fit::content_features(&mut context, &mut self.features)?;
+        let seen = Seen::of(&mut context, &mut self.features, content, None)?;
         Scatter::of(&seen.features())
     }
 

@@ -2,7 +2,8 @@
 
 use super::buffers::TrainingBuffers;
 use super::config::EmbedConfig;
-use super::fit::{self, FitContext, Fitted};
+use super::fit::{self, Fitted};
+use super::fit_context::FitContext;
 use super::pool::ClipPool;
 use super::subject::Subject;
 use crate::error::EngineError;
@@ -28,7 +29,7 @@ pub fn refit(
     let mut buffers = TrainingBuffers::new(device, model, &config.in_phase(0), clip.config().vision_config.image_size)?;
     pool.fill(&mut buffers)?;
     let mut context = FitContext { device, config: &config, prf: &prf, pool: &mut pool, buffers: &mut buffers };
-    let Fitted { mut weights, unmarked } = fit::extractor(&mut context, clip, key)?;
+    let Fitted { mut weights, unmarked, .. } = fit::extractor(&mut context, clip, key)?;
     if key_rotation != KeyRotation::FIXED {
         let (mut from, mut to) = (KeyRotation::FIXED.stream(&prf), key_rotation.stream(&prf));
         weights.calibration = weights.calibration.mixed_anew(&mut from, &mut to);

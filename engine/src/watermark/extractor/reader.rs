@@ -5,6 +5,7 @@ use std::sync::Arc;
 use guard4d_kernels::{Buffer, Device};
 
 use super::calibration::Calibration;
+use super::content::{ContentModel, THUMBNAIL_LEN, Thumbnailer};
 use super::features::{FeatureExtractor, NORMALIZATION};
 use super::preprocess::Preprocessor;
 use super::weights::{CLIP_FRAMES, ExtractorWeights};
@@ -25,7 +26,7 @@ pub const MAX_FRAMES: usize = 1 << 20;
 /// What an extractor sees in frames.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ClipFeatures {
-    /// Image features `[n, D]`.
+    /// Image features `[n, D]`, without what is foretold of them.
     pub features: Vec<f32>,
     /// Logits of the key's decoder `[n, L]`.
     pub logits: Vec<f32>,
@@ -86,6 +87,7 @@ pub struct Reader {
     resized: Buffer<f32>,
     bits: usize,
     known_views: Option<Arc<KnownViews>>,
+    foreteller: Option<Foreteller>,
 }
 
 impl Reader {
@@ -103,6 +105,8 @@ impl Reader {
         }
         let features = FeatureExtractor::new(device, clip, weights.tmsd.as_ref(), 1, TowerPurpose::Features)?;
         let decoder = Decoder::new(device, &weights.calibration.fold(&key.decoder, &key.codes, &key.text_mean))?;
+        let by = |model: &Arc<ContentModel>| Foreteller::new(device, Arc::clone(model), &features);
+        let foreteller = weights.content.as_ref().map(by).transpose()?;
         Ok(Self {
             pass: decoder.pass(device, CLIP_FRAMES)?,
             resized: device.buffer("reader.resized", features.clip_len())?,
@@ -111,6 +115,7 @@ impl Reader {
             decoder,
             bits: key.bits(),
             known_views: weights.known_views.clone(),
+            foreteller,
         })
     }
 
@@ -178,12 +183,46 @@ impl Reader {
         let mut rec = self.device.recorder()?;
         preprocessor.show(&mut rec, guess, &mut self.resized)?;
         self.features.forward(&mut rec, &[&self.resized])?;
-        self.decoder.forward(&mut rec, self.features.features(), &mut self.pass)?;
+        let seen = match &mut self.foreteller {
+            Some(foreteller) => {
+                foreteller.thumbnailer.record(&mut rec, &self.resized)?;
+                rec.submit()?;
+                foreteller.take_off(self.features.features())?;
+                rec = self.device.recorder()?;
+                &foreteller.freed
+            }
+            None => self.features.features(),
+        };
+        self.decoder.forward(&mut rec, seen, &mut self.pass)?;
         rec.submit()?;
-        let width = self.features.features().len() / CLIP_FRAMES;
-        clip_features.features.extend(self.features.features().read_range(0..frames * width)?);
+        let width = seen.len() / CLIP_FRAMES;
+        clip_features.features.extend(seen.read_range(0..frames * width)?);
         clip_features.logits.extend(self.pass.logits.read_range(0..frames * self.bits)?);
         Ok(())
+    }
+}
+
+/// Takes off the features of frames what is foretold of them.
+#[derive(Debug)]
+struct Foreteller {
+    model: Arc<ContentModel>,
+    thumbnailer: Thumbnailer,
+    /// Features without it `[F, D]`.
+    freed: Buffer<f32>,
+}
+
+impl Foreteller {
+    fn new(device: &Device, model: Arc<ContentModel>, features: &FeatureExtractor) -> Result<Self, EngineError> {
+        let thumbnailer = Thumbnailer::new(device, features.shape())?;
+        Ok(Self { model, thumbnailer, freed: device.buffer("reader.freed", features.features().len())? })
+    }
+
+    /// Of the clip whose thumbnails and features were computed last.
+    fn take_off(&mut self, features: &Buffer<f32>) -> Result<(), EngineError> {
+        let thumbnails = self.thumbnailer.read()?;
+        let told = thumbnails.chunks_exact(THUMBNAIL_LEN).flat_map(|thumbnail| self.model.foretell(thumbnail));
+        let freed: Vec<f32> = features.read()?.iter().zip(told).map(|(feature, told)| feature - told).collect();
+        Ok(self.freed.write(&freed)?)
     }
 }
 

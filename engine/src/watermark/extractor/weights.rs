@@ -6,6 +6,7 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use super::calibration::Calibration;
+use super::content::ContentModel;
 use super::rotation::KeyRotation;
 use super::tmsd::TmsdWeights;
 use crate::base::digest::Digest;
@@ -46,6 +47,8 @@ pub struct ExtractorWeights {
     pub key_rotation: KeyRotation,
     /// What tells where in a frame the asset is, before all this; none where frames are shown whole.
     pub known_views: Option<Arc<KnownViews>>,
+    /// What is taken off the features of each frame; nothing but the calibration's mean where there is none.
+    pub content: Option<Arc<ContentModel>>,
 }
 
 impl ExtractorWeights {
@@ -71,6 +74,9 @@ impl ExtractorWeights {
             file.tensors.insert(THUMBNAILS.to_owned(), thumbnails);
             let placements = Tensor::f32(&[views.len(), PLACEMENT_LEN], views.placements.clone());
             file.tensors.insert(PLACEMENTS.to_owned(), placements);
+        }
+        if let Some(content) = &self.content {
+            content.store(&mut file);
         }
         self.calibration.store(&mut file, key.bits());
         if let Some(tmsd) = &self.tmsd {
@@ -115,7 +121,9 @@ impl ExtractorWeights {
         let tmsd = TmsdWeights::load(&file)?;
         check_blindness(&file, mode, tmsd.as_ref())?;
         let calibration = Calibration::load(&file, key.text_mean.len(), key.bits())?;
-        Ok(Self { mode, tmsd, calibration, key_rotation: KeyRotation::load(&file)?, known_views: known_views(&file)? })
+        let content = ContentModel::load(&file, key.text_mean.len())?.map(Arc::new);
+        let (key_rotation, known_views) = (KeyRotation::load(&file)?, known_views(&file)?);
+        Ok(Self { mode, tmsd, calibration, key_rotation, known_views, content })
     }
 }
 
@@ -132,6 +140,8 @@ pub struct Deviation {
     pub mean_logits: f64,
     /// Of the known views; 0 where neither has any.
     pub known_views: f64,
+    /// Of what is foretold; 0 where neither foretells anything.
+    pub content: f64,
 }
 
 impl ExtractorWeights {
@@ -155,6 +165,11 @@ impl ExtractorWeights {
                 (None, None) => 0.0,
                 _ => f64::INFINITY,
             },
+            content: match (&self.content, &other.content) {
+                (Some(own), Some(known)) => own.share_apart(known),
+                (None, None) => 0.0,
+                _ => f64::INFINITY,
+            },
         }
     }
 
@@ -166,7 +181,8 @@ impl ExtractorWeights {
         let directions = if knows_directions { 1 } else { directions.len() };
         let colours = self.tmsd.as_ref().map_or(0, |tmsd| tmsd.colour_map.as_flattened().len());
         let views = self.known_views.as_ref().map_or(0, |views| views.thumbnails.len() + views.placements.len());
-        mean_image.len() + directions + mean_logits.len() + colours + views
+        let content = self.content.as_ref().map_or(0, |content| content.numbers());
+        mean_image.len() + directions + mean_logits.len() + colours + views + content
     }
 }
 

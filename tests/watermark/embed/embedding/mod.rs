@@ -2,6 +2,7 @@
 
 mod control_losses;
 mod copies;
+mod held_out;
 mod rotations;
 mod schedule;
 mod steps;

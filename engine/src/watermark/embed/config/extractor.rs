@@ -3,7 +3,7 @@
 use clap::Args;
 use serde::{Deserialize, Serialize};
 
-use super::parse::{check, check_weight};
+use super::parse::{check, check_weight, word};
 use super::profile::Profile;
 use super::terms::{Control, ControlClips};
 use super::weights_file::WeightsFile;
@@ -38,6 +38,21 @@ pub enum Extractor {
     Pretrained(PretrainedConfig),
     /// The paper's front end, trained with the message.
     Joint(JointConfig),
+}
+
+/// What of a frame's features is taken off as the unmarked frame's own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ContentChoice {
+    /// The mean of all unmarked frames.
+    #[default]
+    Mean,
+    /// What each frame is foretold to say unmarked, see [`crate::watermark::extractor::content`].
+    Foretold,
+}
+
+fn content(text: &str) -> Result<ContentChoice, EngineError> {
+    word("content", text)
 }
 
 /// How an extractor's directions are fitted to the unmarked asset.
@@ -84,6 +99,11 @@ pub struct NoneConfig {
 #[serde(deny_unknown_fields)]
 #[command(next_help_heading = "Extractor")]
 pub struct BlindConfig {
+    /// What of a frame's features is taken off as the unmarked frame's own: `mean`, the same of all frames, or
+    /// `foretold`, what each is foretold to say by what it shows
+    #[arg(long, value_name = "WHAT", value_parser = content, hide = true)]
+    #[serde(default)]
+    pub content: ContentChoice,
     /// Rotations of the key that are tried before the best for the message is taken; every p-value is multiplied by
     /// them. Only extractors that know nothing else of the message have a choice
     #[arg(long, value_name = "K", hide = true)]
@@ -105,6 +125,11 @@ pub struct PretrainedConfig {
     #[arg(long = "pretrained", value_name = "FILE", hide = true)]
     #[serde(default)]
     pub weights: WeightsFile<PretrainedExtractor>,
+    /// What of a frame's features is taken off as the unmarked frame's own: `mean`, the same of all frames, or
+    /// `foretold`, what each is foretold to say by what it shows
+    #[arg(long, value_name = "WHAT", value_parser = content, hide = true)]
+    #[serde(default)]
+    pub content: ContentChoice,
     /// Rotations of the key that are tried before the best for the message is taken; every p-value is multiplied by
     /// them. Only extractors that know nothing else of the message have a choice
     #[arg(long, value_name = "K", hide = true)]
@@ -164,12 +189,14 @@ impl Extractor {
         match mode {
             ExtractorMode::None => Self::None(NoneConfig { calibration: calibration(&[]) }),
             ExtractorMode::Blind => Self::Blind(BlindConfig {
+                content: ContentChoice::default(),
                 rotations: 1,
                 calibration: calibration(if is_the_papers { &[] } else { &DEFAULT_COPIES }),
                 colours,
             }),
             ExtractorMode::Pretrained => {
-                Self::Pretrained(PretrainedConfig { weights: WeightsFile::default(), rotations: 1, colours })
+                let (weights, content) = (WeightsFile::default(), ContentChoice::default());
+                Self::Pretrained(PretrainedConfig { weights, content, rotations: 1, colours })
             }
             ExtractorMode::Joint => Self::Joint(JointConfig {
                 tmsd_held: if is_the_papers { 0.0 } else { DEFAULT_TMSD_HELD },
@@ -215,6 +242,26 @@ impl Extractor {
             | Self::Blind(BlindConfig { calibration, .. })
             | Self::Joint(JointConfig { calibration, .. }) => Some(calibration),
             Self::Pretrained(_) => None,
+        }
+    }
+
+    /// What of a frame's features is taken off. R of `joint` changes them in training, and what `none` reads is
+    /// CLIP's alone.
+    #[must_use]
+    pub fn content(&self) -> ContentChoice {
+        match self {
+            Self::Blind(BlindConfig { content, .. }) | Self::Pretrained(PretrainedConfig { content, .. }) => *content,
+            Self::None(_) | Self::Joint(_) => ContentChoice::Mean,
+        }
+    }
+
+    /// The same, to be changed, where there is a choice.
+    pub fn content_mut(&mut self) -> Option<&mut ContentChoice> {
+        match self {
+            Self::Blind(BlindConfig { content, .. }) | Self::Pretrained(PretrainedConfig { content, .. }) => {
+                Some(content)
+            }
+            Self::None(_) | Self::Joint(_) => None,
         }
     }
 

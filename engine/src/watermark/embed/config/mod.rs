@@ -19,7 +19,7 @@ mod weights_file;
 
 pub use embed_config::EmbedConfig;
 pub use extractor::{
-    BlindConfig, CalibrationConfig, ColourConfig, Extractor, JointConfig, NoneConfig, PretrainedConfig,
+    BlindConfig, CalibrationConfig, ColourConfig, ContentChoice, Extractor, JointConfig, NoneConfig, PretrainedConfig,
 };
 pub use fidelity::Fidelity;
 pub use objective::Objective;
