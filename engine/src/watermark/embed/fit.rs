@@ -12,13 +12,14 @@ use rand_chacha::ChaCha20Rng;
 
 use super::config::{CalibrationConfig, ContentChoice, Extractor, JointConfig};
 use super::fit_context::FitContext;
-use super::foretold::{Foretold, take_off};
+use super::foretold::Foretold;
 use crate::base::prf::{self, standard_normal, uniform_below};
 use crate::error::EngineError;
 use crate::networks::clip::{ClipModel, TowerPurpose};
 use crate::picture::distortion::{Distortion, DistortionLayer, Drawn};
 use crate::scene::gaussians::{CHANNELS, Y0};
 use crate::watermark::extractor::calibration::Calibration;
+use crate::watermark::extractor::content::take_off;
 use crate::watermark::extractor::features::FeatureExtractor;
 use crate::watermark::extractor::reader::decode;
 use crate::watermark::extractor::rotation::KeyRotation;

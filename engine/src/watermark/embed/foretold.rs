@@ -11,7 +11,7 @@ use super::fit_context::FitContext;
 use super::pool::ClipPool;
 use super::training_clip::TrainingClip;
 use crate::error::EngineError;
-use crate::watermark::extractor::content::{ContentModel, FittedContent, MOST_VIEWS, THUMBNAIL_LEN, Thumbnailer};
+use crate::watermark::extractor::content::{ContentModel, FittedContent, MOST_VIEWS, Thumbnailer};
 use crate::watermark::extractor::weights::CLIP_FRAMES;
 
 /// A content model and what it says of clips. Of clips that it was fitted to, it is what all other views say: a mark
@@ -84,14 +84,8 @@ impl Foretold {
         let mut rec = device.recorder()?;
         self.thumbnailer.record(&mut rec, clip)?;
         rec.submit()?;
-        let thumbnails = self.thumbnailer.read()?;
-        Ok(thumbnails.chunks_exact(THUMBNAIL_LEN).flat_map(|thumbnail| self.model.foretell(thumbnail)).collect())
+        Ok(self.model.foretell(&self.thumbnailer.read()?))
     }
-}
-
-/// Takes what is foretold off the features of the same frames.
-pub(super) fn take_off(features: &mut [f32], told: &[f32]) {
-    features.iter_mut().zip(told).for_each(|(feature, told)| *feature -= told);
 }
 
 /// What clips are foretold to say, taken off what they say.

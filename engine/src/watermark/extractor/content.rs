@@ -58,9 +58,9 @@ impl ContentModel {
     /// features are from their mean.
     ///
     /// # Equation
-    /// f(x) = k(x, X) (K + ρ)⁻¹ Y with k(x, y) = exp(−|x − y|² / r): kernel ridge regression (Saunders, Gammerman and
-    /// Vovk 1998). Left out, view i is told Yᵢ − ((K + ρ)⁻¹ Y)ᵢ / ((K + ρ)⁻¹)ᵢᵢ; r and ρ are those with the least sum
-    /// of squares of what is left then.
+    /// f(x) = k(x, X) (K + ρ)⁻¹ Y with k(x, y) = exp(−|x − y|² / r): kernel ridge regression (Saunders, Gammerman
+    /// and Vovk 1998). Left out, view i is told Yᵢ − ((K + ρ)⁻¹ Y)ᵢ / ((K + ρ)⁻¹)ᵢᵢ; r and ρ are those with
+    /// the least sum of squares of what is left then.
     ///
     /// # Errors
     /// [`EngineError::NotFinite`] for values that are no numbers, and without a view.
@@ -104,10 +104,14 @@ impl ContentModel {
         self.thumbnails.len() / THUMBNAIL_LEN
     }
 
-    /// How far the features of a frame with this thumbnail are from the mean of all `[D]`, were it unmarked; zeros for
-    /// one that looks like no view.
+    /// How far the features of frames with these thumbnails `[n, T, T, 3]` are from the mean of all `[n, D]`, were they
+    /// unmarked; zeros for one that looks like no view.
     #[must_use]
-    pub fn foretell(&self, thumbnail: &[f32]) -> Vec<f32> {
+    pub fn foretell(&self, thumbnails: &[f32]) -> Vec<f32> {
+        thumbnails.chunks_exact(THUMBNAIL_LEN).flat_map(|thumbnail| self.foretell_one(thumbnail)).collect()
+    }
+
+    fn foretell_one(&self, thumbnail: &[f32]) -> Vec<f32> {
         let width = self.weights.len() / self.views();
         let mut told = vec![0.0; width];
         for (known, weights) in self.thumbnails.chunks_exact(THUMBNAIL_LEN).zip(self.weights.chunks_exact(width)) {
@@ -222,6 +226,11 @@ fn median(values: &DMatrix<f64>) -> f64 {
     let median = *values.select_nth_unstable_by(middle, f64::total_cmp).1;
     // Where all views are alike, none is nearer than another.
     if median > 0.0 { median } else { 1.0 }
+}
+
+/// Takes what is foretold off the features of the same frames.
+pub(crate) fn take_off(features: &mut [f32], told: &[f32]) {
+    features.iter_mut().zip(told).for_each(|(feature, told)| *feature -= told);
 }
 
 /// Makes thumbnails of clips as CLIP sees them.

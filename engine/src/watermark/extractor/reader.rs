@@ -5,7 +5,7 @@ use std::sync::Arc;
 use guard4d_kernels::{Buffer, Device};
 
 use super::calibration::Calibration;
-use super::content::{ContentModel, THUMBNAIL_LEN, Thumbnailer};
+use super::content::{ContentModel, Thumbnailer, take_off};
 use super::features::{FeatureExtractor, NORMALIZATION};
 use super::preprocess::Preprocessor;
 use super::weights::{CLIP_FRAMES, ExtractorWeights};
@@ -219,9 +219,8 @@ impl Foreteller {
 
     /// Of the clip whose thumbnails and features were computed last.
     fn take_off(&mut self, features: &Buffer<f32>) -> Result<(), EngineError> {
-        let thumbnails = self.thumbnailer.read()?;
-        let told = thumbnails.chunks_exact(THUMBNAIL_LEN).flat_map(|thumbnail| self.model.foretell(thumbnail));
-        let freed: Vec<f32> = features.read()?.iter().zip(told).map(|(feature, told)| feature - told).collect();
+        let mut freed = features.read()?;
+        take_off(&mut freed, &self.model.foretell(&self.thumbnailer.read()?));
         Ok(self.freed.write(&freed)?)
     }
 }

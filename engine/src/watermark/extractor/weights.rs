@@ -152,24 +152,12 @@ impl ExtractorWeights {
         let (own, known) = (&self.calibration, &other.calibration);
         let map = |weights: &Self| weights.tmsd.as_ref().map(|tmsd| tmsd.colour_map.as_flattened().to_vec());
         Deviation {
-            colour_map: match (map(self), map(other)) {
-                (Some(own), Some(known)) => share_apart(&own, &known),
-                (None, None) => 0.0,
-                _ => f64::INFINITY,
-            },
+            colour_map: of_both(&map(self), &map(other), |own, known| share_apart(own, known)),
             mean_image: share_apart(&own.mean_image, &known.mean_image),
             directions: share_apart(&own.directions, &known.directions),
             mean_logits: share_apart(&own.mean_logits, &known.mean_logits),
-            known_views: match (&self.known_views, &other.known_views) {
-                (Some(own), Some(known)) => own.share_apart(known),
-                (None, None) => 0.0,
-                _ => f64::INFINITY,
-            },
-            content: match (&self.content, &other.content) {
-                (Some(own), Some(known)) => own.share_apart(known),
-                (None, None) => 0.0,
-                _ => f64::INFINITY,
-            },
+            known_views: of_both(&self.known_views, &other.known_views, |own, known| own.share_apart(known)),
+            content: of_both(&self.content, &other.content, |own, known| own.share_apart(known)),
         }
     }
 
@@ -183,6 +171,15 @@ impl ExtractorWeights {
         let views = self.known_views.as_ref().map_or(0, |views| views.thumbnails.len() + views.placements.len());
         let content = self.content.as_ref().map_or(0, |content| content.numbers());
         mean_image.len() + directions + mean_logits.len() + colours + views + content
+    }
+}
+
+/// How far a part of one extractor is from that of another: infinite where only one of them has it.
+fn of_both<T>(own: &Option<T>, known: &Option<T>, apart: impl Fn(&T, &T) -> f64) -> f64 {
+    match (own, known) {
+        (Some(own), Some(known)) => apart(own, known),
+        (None, None) => 0.0,
+        _ => f64::INFINITY,
     }
 }
 
