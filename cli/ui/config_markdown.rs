@@ -133,24 +133,23 @@ fn entry(section: &Section, flag: &Arg) -> String {
     item(&format!("`{place}`, `--{long} {values}`: {help}\n\n{default}"), "")
 }
 
-/// What a key is by profile, and by mode of the extractor where it is about that.
+/// What a key is by profile, and by mode of the extractor where these differ.
 fn defaults(section: &Section, place: &str) -> String {
+    let modes = if section.modes.is_empty() { &ExtractorMode::ALL[..] } else { &section.modes };
     let mut found: Vec<(String, Vec<String>)> = Vec::new();
+    let mut add = |value: String, of: String| match found.iter_mut().find(|(known, _)| *known == value) {
+        Some((_, all)) => all.push(of),
+        None => found.push((value, vec![of])),
+    };
     for profile in Profile::ALL {
-        let usual = [profile.default_mode()];
-        for mode in if section.modes.is_empty() { &usual[..] } else { &section.modes } {
-            let Settings { config, job } = Settings::of_profile(profile, *mode, None);
-            let mut table = table_of(&config);
-            table.extend(table_of(&job));
-            let mut keys = place.split('.');
-            let first = keys.next().and_then(|key| table.get(key));
-            let value = keys.try_fold(first, |value, key| Some(value?.get(key))).flatten();
-            let Some(value) = value.map(written) else { continue };
-            let of = if section.modes.is_empty() { profile.to_string() } else { format!("{profile} with {mode}") };
-            match found.iter_mut().find(|(known, _)| *known == value) {
-                Some((_, profiles)) => profiles.push(of),
-                None => found.push((value, vec![of])),
+        let by_mode = modes.iter().filter_map(|mode| Some((mode, default(profile, *mode, place)?)));
+        let by_mode: Vec<(&ExtractorMode, String)> = by_mode.collect();
+        match &by_mode[..] {
+            [] => {}
+            [(_, value), others @ ..] if others.iter().all(|(_, other)| other == value) => {
+                add(value.clone(), profile.to_string());
             }
+            several => several.iter().for_each(|(mode, value)| add(value.clone(), format!("{profile} with {mode}"))),
         }
     }
     match &found[..] {
@@ -161,6 +160,16 @@ fn defaults(section: &Section, place: &str) -> String {
             format!("Unless given: {}.", each.collect::<Vec<_>>().join("; "))
         }
     }
+}
+
+/// What a key is in a profile with this mode, if it is there.
+fn default(profile: Profile, mode: ExtractorMode, place: &str) -> Option<String> {
+    let Settings { config, job } = Settings::of_profile(profile, mode, None);
+    let mut table = table_of(&config);
+    table.extend(table_of(&job));
+    let mut keys = place.split('.');
+    let first = table.get(keys.next()?)?;
+    keys.try_fold(first, |value, key| value.get(key)).map(written)
 }
 
 /// As a file has it, with no more digits than tell.

@@ -60,6 +60,18 @@ fn views_between_those_that_are_known_are_foretold() {
     assert!(left < 1e-2, "{left} of views by all others");
 }
 
+/// A mark that is trained through an extractor from a file has to meet the content that the first one met.
+#[test]
+fn a_model_knows_which_views_it_was_fitted_to_and_what_the_others_say_of_them() {
+    let FittedContent { model, left_out } = fitted();
+    let again = model.left_out().expect("views that differ");
+    assert!(again.iter().zip(&left_out).all(|(a, b)| a.to_bits() == b.to_bits()), "the same to the bit");
+    let by_heart = unexplained(&model.foretell(&all(thumbnail)), &left_out);
+    assert!(by_heart > 0.0, "of its own views it says more than all others do");
+    assert_eq!(model.view_of(&thumbnail(place(7.0 / VIEWS as f32))), Some(7), "one of them");
+    assert_eq!(model.view_of(&thumbnail(place(0.508))), None, "one between them");
+}
+
 #[test]
 fn what_looks_like_no_view_is_foretold_nothing() {
     let told = fitted().model.foretell(&[9.0; THUMBNAIL_LEN]);
@@ -111,6 +123,7 @@ fn files_give_back_the_same_model_and_refuse_others() {
     };
     refused("content.reach", Tensor::f32(&[1], vec![-1.0]));
     refused("content.reach", Tensor::f32(&[1], vec![f32::NAN]));
+    refused("content.ridge", Tensor::f32(&[1], vec![0.0]));
     refused("content.weights", Tensor::f32(&[0, WIDTH], Vec::new()));
     let many = MOST_VIEWS + 1;
     refused("content.weights", Tensor::f32(&[many, WIDTH], vec![0.0; many * WIDTH]));

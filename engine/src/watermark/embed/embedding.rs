@@ -9,7 +9,7 @@ use guard4d_kernels::shape::ClipShape;
 
 use super::buffers::TrainingBuffers;
 use super::config::{EmbedConfig, Extractor, FramingChoice};
-use super::draw::draw;
+use super::draw::{draw, window};
 use super::extractor_loss::ExtractorLoss;
 use super::fidelity_hold::FidelityHold;
 use super::fit::{self, Fitted};
@@ -192,7 +192,8 @@ impl<'a> Embedding<'a> {
     /// What step number `step` does to the offsets and to R, with this share of the rates.
     pub(super) fn take_step(&mut self, step: usize, decay: f32) -> Result<StepReport, EngineError> {
         let Self { subject, active: config, clips, buffers, loss, .. } = self;
-        let (index, mut rng) = draw(subject.key, config.seed, step, clips.training().len());
+        let among = window(step, config.optimiser.steps, clips.training().len());
+        let (index, mut rng) = draw(subject.key, config.seed, step, among);
         let clip = loss.clip(clips, buffers, index)?;
         let inputs = StepInputs::draw(config, step, decay, self.hold.offset_scale, &mut rng);
         loss.foretell(subject.device, index, &clip)?;

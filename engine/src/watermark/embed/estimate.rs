@@ -6,10 +6,10 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::config::EmbedConfig;
-use super::draw::draw;
+use super::draw::{draw, window};
 use super::embedding::Embedding;
 use super::fit::{CLIPS_PER_PROBE, ZERO_CLIPS};
-use super::pool::ClipPool;
+use super::pool::{ClipPool, FITTED, MOST_KEPT};
 use super::subject::{Start, Subject};
 use crate::error::EngineError;
 
@@ -86,19 +86,22 @@ impl Estimate {
         let clip_bytes = kept / embedding.clips.in_memory().max(1) as u64;
         // Other buffers of this device, such as CLIP's weights, are part of it.
         let resident_bytes = used.peak_reserved_bytes - kept - embedding.clips.features_bytes();
-        let mut all = resident_bytes + clip_bytes * clips as u64;
-        if budget.is_none_or(|bytes| all <= bytes) {
+        let most_kept = clips.min(MOST_KEPT);
+        let mut all = resident_bytes + clip_bytes * most_kept as u64;
+        // Only what all clips have room for beside them.
+        if most_kept == clips && budget.is_none_or(|bytes| all <= bytes) {
             all += embedding.kept_by_lpips(config);
         }
         let room = budget.map_or(u64::MAX, |bytes| bytes.saturating_sub(resident_bytes));
-        let in_memory = usize::try_from(room / clip_bytes.max(1)).unwrap_or(usize::MAX).clamp(1, clips);
-        let missed = 1.0 - in_memory as f64 / clips as f64;
+        let in_memory = usize::try_from(room / clip_bytes.max(1)).unwrap_or(usize::MAX).clamp(1, most_kept);
+        let missed = 1.0 - in_memory as f64 / most_kept as f64;
         let per_clip = embedding.seconds["plan"] / sampled as f64;
         let passes = |config: &EmbedConfig, clips: usize| {
             let zero = PASSES_PER_ZERO * clips.min(ZERO_CLIPS);
             (PASSES_PER_CLIP * clips + PASSES_PER_PROBE * config.extractor.probes() + zero) as f64
         };
-        let fitted = passes(config, config.in_phase(0).views.clips as usize);
+        let fitted_clips = (config.in_phase(0).views.clips as usize).min(FITTED);
+        let fitted = passes(config, fitted_clips);
         // Each of these asks for a clip, and so does each step.
         let asked = fitted + (config.try_out_steps() + config.optimiser.steps) as f64;
         let step_seconds = timed / timed_steps as f64;
@@ -112,8 +115,8 @@ impl Estimate {
             peak_memory_bytes: budget.map_or(all, |bytes| all.min(bytes)),
             budget_bytes: budget,
             clips_in_memory: in_memory,
-            plan_seconds: per_clip * (clips as f64 + missed * asked),
-            fit_seconds: embedding.seconds["fit"] * fitted / passes(&few, embedding.clips.training().len())
+            plan_seconds: per_clip * ((clips + fitted_clips.saturating_sub(most_kept)) as f64 + missed * asked),
+            fit_seconds: embedding.seconds["fit"] * fitted / passes(&few, embedding.clips.fitted().len())
                 + step_seconds * config.try_out_steps() as f64,
             train_seconds: step_seconds * config.optimiser.steps as f64 + measuring * measured as f64,
         })
@@ -126,8 +129,9 @@ impl Embedding<'_> {
         let (Some(perception), Some(term)) = (self.loss.perception(), config.objective.trained_lpips()) else {
             return 0;
         };
-        let clip = |step| draw(self.subject.key, config.seed, step, config.views.clips as usize).0;
-        let compared: BTreeSet<usize> = (0..config.optimiser.steps).step_by(term.every as usize).map(clip).collect();
+        let (steps, clips) = (config.optimiser.steps, config.views.clips as usize);
+        let clip = |step| draw(self.subject.key, config.seed, step, window(step, steps, clips)).0;
+        let compared: BTreeSet<usize> = (0..steps).step_by(term.every as usize).map(clip).collect();
         perception.kept_bytes(compared.len())
     }
 }

@@ -12,14 +12,14 @@ use rand_chacha::ChaCha20Rng;
 
 use super::config::{CalibrationConfig, ContentChoice, Extractor, JointConfig};
 use super::fit_context::FitContext;
-use super::foretold::Foretold;
+use super::foretold::{ClipContent, Foretold};
 use crate::base::prf::{self, standard_normal, uniform_below};
 use crate::error::EngineError;
 use crate::networks::clip::{ClipModel, TowerPurpose};
 use crate::picture::distortion::{Distortion, DistortionLayer, Drawn};
 use crate::scene::gaussians::{CHANNELS, Y0};
 use crate::watermark::extractor::calibration::Calibration;
-use crate::watermark::extractor::content::take_off;
+use crate::watermark::extractor::content::{Thumbnailer, take_off};
 use crate::watermark::extractor::features::FeatureExtractor;
 use crate::watermark::extractor::reader::decode;
 use crate::watermark::extractor::rotation::KeyRotation;
@@ -54,14 +54,15 @@ pub(super) fn extractor(context: &mut FitContext<'_>, clip: &ClipModel, key: &Ke
     let mut features =
         context.pool.with_room(|| FeatureExtractor::new(device, clip, tmsd.as_ref(), 1, TowerPurpose::Features))?;
     let (bits, mut rng) = (key.bits(), KeyRotation::FIXED.stream(prf));
-    let content = content_features(context, &mut features)?;
-    let mut foretold = match config.extractor.content() {
-        ContentChoice::Foretold => Some(Foretold::fit(context, features.shape(), &content)?),
+    let mut thumbnailer = match config.extractor.content() {
+        ContentChoice::Foretold => Some(context.pool.with_room(|| Ok(Thumbnailer::new(device, features.shape())?))?),
         ContentChoice::Mean => None,
     };
+    let content = content(context, &mut features, thumbnailer.as_mut())?;
+    let mut foretold = thumbnailer.map(|thumbnailer| Foretold::fit(thumbnailer, &content)).transpose()?;
     let calibration = match &config.extractor {
         Extractor::Pretrained(pretrained) => {
-            let content = freed(context, content, foretold.as_mut())?;
+            let content = freed(content, foretold.as_ref());
             Calibration::pretrained(pretrained.weights.get()?, &content, bits, &mut rng)?
         }
         Extractor::None(_) | Extractor::Blind(_) | Extractor::Joint(_) => {
@@ -110,7 +111,7 @@ impl Seen {
     pub(super) fn of(
         context: &mut FitContext<'_>,
         features: &mut FeatureExtractor,
-        content: Vec<Vec<f32>>,
+        content: Vec<ClipContent>,
         mut foretold: Option<&mut Foretold>,
     ) -> Result<Self, EngineError> {
         let (mut copies, mut probes) = (Vec::new(), Vec::new());
@@ -119,7 +120,7 @@ impl Seen {
             probes = calibration_probes(context, features, calibration, &content)?;
         }
         let width = features.features().len() / CLIP_FRAMES;
-        Ok(Self { content: freed(context, content, foretold)?, copies, probes, width })
+        Ok(Self { content: freed(content, foretold.as_deref()), copies, probes, width })
     }
 
     pub(super) fn features(&self) -> AssetFeatures<'_> {
@@ -152,23 +153,14 @@ pub(super) fn set_zero(
 }
 
 /// Features of unmarked clips one after the other `[n, D]`, free of what is foretold.
-fn freed(
-    context: &mut FitContext<'_>,
-    mut content: Vec<Vec<f32>>,
-    foretold: Option<&mut Foretold>,
-) -> Result<Vec<f32>, EngineError> {
-    if let Some(foretold) = foretold {
-        for (number, features) in content.iter_mut().enumerate() {
-            match foretold.known(number) {
-                Some(told) => take_off(features, told),
-                None => {
-                    let clip = context.pool.get(number, context.buffers)?;
-                    take_off(features, foretold.of_clip(context.device, number, &clip)?);
-                }
-            }
+fn freed(content: Vec<ClipContent>, foretold: Option<&Foretold>) -> Vec<f32> {
+    let freed = content.into_iter().enumerate().map(|(number, ClipContent { mut features, .. })| {
+        if let Some(told) = foretold.and_then(|foretold| foretold.known(number)) {
+            take_off(&mut features, told);
         }
-    }
-    Ok(content.concat())
+        features
+    });
+    freed.flatten().collect()
 }
 
 /// Features `[n, D]` of unmarked clips, clean and noisy, free of what is foretold.
@@ -181,7 +173,7 @@ pub(super) fn unmarked_features(
     let (low, high) = config.objective.noise_sigma;
     let sigma = (low * high).sqrt();
     let mut found = Vec::new();
-    for (stream, index) in (0..).zip(pool.training().take(ZERO_CLIPS)) {
+    for (stream, index) in (0..).zip(pool.sampled().take(ZERO_CLIPS)) {
         let clip = pool.get(index, buffers)?;
         for noise in [None, Some(Noise { sigma, seed: config.seed, stream })] {
             let mut rec = device.recorder()?;
@@ -213,8 +205,8 @@ pub(super) fn colour_map(context: &mut FitContext<'_>) -> Result<Option<ColourMa
 fn second_moment(context: &mut FitContext<'_>) -> Result<Matrix3<f64>, EngineError> {
     let FitContext { pool, buffers, .. } = context;
     // Clips come in the order of what is in memory; their sums are added in the order of their numbers.
-    let mut sums = vec![(Matrix3::zeros(), 0.0); pool.training().len()];
-    for index in pool.training_at_hand_first() {
+    let mut sums = vec![(Matrix3::zeros(), 0.0); pool.sampled().len()];
+    for index in pool.at_hand_first(pool.sampled()) {
         let (sum, count) = &mut sums[index];
         for texel in pool.get(index, buffers)?.resized.read()?.as_chunks::<4>().0 {
             let x = nalgebra::Vector3::new(f64::from(texel[0]), f64::from(texel[1]), f64::from(texel[2]));
@@ -236,19 +228,25 @@ fn silencing(moment: &Matrix3<f64>, gain: f64, level: f64) -> ColourMap {
     std::array::from_fn(|i| std::array::from_fn(|j| map[(i, j)] as f32))
 }
 
-/// Features of each unmarked clip `[F, D]`.
-pub(super) fn content_features(
+/// The content of each unmarked clip.
+pub(super) fn content(
     context: &mut FitContext<'_>,
     features: &mut FeatureExtractor,
-) -> Result<Vec<Vec<f32>>, EngineError> {
+    mut thumbnailer: Option<&mut Thumbnailer>,
+) -> Result<Vec<ClipContent>, EngineError> {
     let FitContext { device, pool, buffers, .. } = context;
-    let mut found = vec![Vec::new(); pool.training().len()];
-    for index in pool.training_at_hand_first() {
-        let clip = pool.get(index, buffers)?;
+    let mut found = vec![ClipContent::default(); pool.fitted().len()];
+    for index in pool.at_hand_first(pool.fitted()) {
+        let clip = pool.get_once(index, buffers)?;
         let mut rec = device.recorder()?;
         features.forward(&mut rec, &[&clip.resized])?;
+        if let Some(thumbnailer) = &mut thumbnailer {
+            thumbnailer.record(&mut rec, &clip.resized)?;
+        }
         rec.submit()?;
-        found[index] = features.features().read()?;
+        let thumbnails = thumbnailer.as_ref().map(|thumbnailer| thumbnailer.read()).transpose()?;
+        found[index] =
+            ClipContent { features: features.features().read()?, thumbnails: thumbnails.unwrap_or_default() };
     }
     Ok(found)
 }
@@ -269,7 +267,7 @@ fn copies_features(
     for (index, distortion) in copies.iter().enumerate() {
         let ends: &[f64] = if distortion.is_fixed() { &[0.0] } else { &[0.0, 1.0] };
         for &share in ends {
-            for number in pool.training().take(COPIED_CLIPS) {
+            for number in pool.sampled().take(COPIED_CLIPS) {
                 let clip = pool.get(number, buffers)?;
                 let mut rec = device.recorder()?;
                 let drawn = Drawn { index, share, seed: config.seed, stream: 0 };
@@ -293,11 +291,11 @@ fn calibration_probes(
     context: &mut FitContext<'_>,
     features: &mut FeatureExtractor,
     calibration: &CalibrationConfig,
-    content: &[Vec<f32>],
+    content: &[ClipContent],
 ) -> Result<Vec<f32>, EngineError> {
     let FitContext { device, config, prf, pool, buffers } = context;
     let mut rng = prf.stream(prf::Purpose::Responses, config.seed);
-    let clips = u32::try_from(pool.training().len()).unwrap_or(u32::MAX);
+    let clips = u32::try_from(pool.sampled().len()).unwrap_or(u32::MAX);
     let (num_splats, bases) = (buffers.offsets.num_splats(), buffers.offsets.bases());
     let mut found = Vec::new();
     for _ in 0..calibration.probes {
@@ -310,7 +308,7 @@ fn calibration_probes(
             features.forward(&mut rec, &[buffers.resized()])?;
             rec.submit()?;
             let moved = features.features().read()?;
-            found.extend(moved.iter().zip(&content[index]).map(|(m, c)| m - c));
+            found.extend(moved.iter().zip(&content[index].features).map(|(m, c)| m - c));
         }
     }
     buffers.offsets.write(&vec![0.0; num_splats * bases.floats()])?;

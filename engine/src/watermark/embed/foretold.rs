@@ -7,52 +7,55 @@ use guard4d_kernels::nn::axpy;
 use guard4d_kernels::shape::ClipShape;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
 
-use super::fit_context::FitContext;
 use super::pool::ClipPool;
 use super::training_clip::TrainingClip;
 use crate::error::EngineError;
-use crate::watermark::extractor::content::{ContentModel, FittedContent, MOST_VIEWS, Thumbnailer};
+use crate::watermark::extractor::content::{ContentModel, FittedContent, MOST_VIEWS, THUMBNAIL_LEN, Thumbnailer};
 use crate::watermark::extractor::weights::CLIP_FRAMES;
+
+/// What an unmarked clip says, and what it looks like.
+#[derive(Clone, Default)]
+pub(super) struct ClipContent {
+    /// `[F, D]`
+    pub(super) features: Vec<f32>,
+    /// `[F, T, T, 3]`; empty where nobody asks.
+    pub(super) thumbnails: Vec<f32>,
+}
 
 /// A content model and what it says of clips. Of clips that it was fitted to, it is what all other views say: a mark
 /// that is trained beside anything surer would be read beside content that it never met.
 #[derive(Debug)]
 pub(super) struct Foretold {
     model: Arc<ContentModel>,
+    /// What it says of each view that it was fitted to, left out `[M, D]`.
+    left_out: Vec<f32>,
     thumbnailer: Thumbnailer,
     /// By the clips' numbers `[F, D]`.
     clips: HashMap<usize, Vec<f32>>,
 }
 
 impl Foretold {
-    /// Fits a model to the features `[F, D]` of each unmarked clip that steps are taken on, which CLIP sees as `seen`.
-    pub(super) fn fit(
-        context: &mut FitContext<'_>,
-        seen: ClipShape,
-        content: &[Vec<f32>],
-    ) -> Result<Self, EngineError> {
-        let FitContext { device, pool, buffers, .. } = context;
-        let mut thumbnailer = pool.with_room(|| Ok(Thumbnailer::new(device, seen)?))?;
+    /// Fits a model to unmarked clips that steps are taken on.
+    pub(super) fn fit(thumbnailer: Thumbnailer, content: &[ClipContent]) -> Result<Self, EngineError> {
         let used = content.len().min(MOST_VIEWS / CLIP_FRAMES);
         // Evenly over all of them.
         let numbers: Vec<usize> = (0..used).map(|i| i * content.len() / used).collect();
-        let (mut thumbnails, mut features) = (Vec::new(), Vec::new());
-        for &number in &numbers {
-            let clip = pool.get(number, buffers)?;
-            let mut rec = device.recorder()?;
-            thumbnailer.record(&mut rec, &clip.resized)?;
-            rec.submit()?;
-            thumbnails.extend(thumbnailer.read()?);
-            features.extend_from_slice(&content[number]);
-        }
+        let of_these = || numbers.iter().map(|number| &content[*number]);
+        let thumbnails: Vec<f32> = of_these().flat_map(|clip| clip.thumbnails.iter().copied()).collect();
+        let features: Vec<f32> = of_these().flat_map(|clip| clip.features.iter().copied()).collect();
         let FittedContent { model, left_out } = ContentModel::fit(&thumbnails, &features)?;
         let of_each = left_out.chunks_exact(left_out.len() / used).map(<[f32]>::to_vec);
-        Ok(Self { model: Arc::new(model), thumbnailer, clips: numbers.into_iter().zip(of_each).collect() })
+        let mut clips: HashMap<usize, Vec<f32>> = numbers.iter().copied().zip(of_each).collect();
+        for (number, clip) in content.iter().enumerate() {
+            clips.entry(number).or_insert_with(|| model.foretell(&clip.thumbnails));
+        }
+        Ok(Self { model: Arc::new(model), left_out, thumbnailer, clips })
     }
 
-    /// What a model that is given says; of clips that it was fitted to it knows what they say.
+    /// What a model that is given says.
     pub(super) fn by(device: &Device, seen: ClipShape, model: Arc<ContentModel>) -> Result<Self, EngineError> {
-        Ok(Self { model, thumbnailer: Thumbnailer::new(device, seen)?, clips: HashMap::new() })
+        let left_out = model.left_out()?;
+        Ok(Self { model, left_out, thumbnailer: Thumbnailer::new(device, seen)?, clips: HashMap::new() })
     }
 
     /// The model.
@@ -60,7 +63,7 @@ impl Foretold {
         Arc::clone(&self.model)
     }
 
-    /// [`Self::of_clip`] of one that it was fitted to.
+    /// [`Self::of_clip`] of one that it was fitted with.
     pub(super) fn known(&self, number: usize) -> Option<&[f32]> {
         self.clips.get(&number).map(Vec::as_slice)
     }
@@ -84,7 +87,15 @@ impl Foretold {
         let mut rec = device.recorder()?;
         self.thumbnailer.record(&mut rec, clip)?;
         rec.submit()?;
-        Ok(self.model.foretell(&self.thumbnailer.read()?))
+        let thumbnails = self.thumbnailer.read()?;
+        let mut told = self.model.foretell(&thumbnails);
+        let width = self.left_out.len() / self.model.views();
+        for (told, thumbnail) in told.chunks_exact_mut(width).zip(thumbnails.chunks_exact(THUMBNAIL_LEN)) {
+            if let Some(view) = self.model.view_of(thumbnail) {
+                told.copy_from_slice(&self.left_out[view * width..][..width]);
+            }
+        }
+        Ok(told)
     }
 }
 

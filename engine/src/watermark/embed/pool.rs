@@ -19,6 +19,13 @@ use crate::networks::lpips::LpipsFeatures;
 use crate::picture::known_views::KnownViews;
 use crate::scene::{Camera, Model};
 
+/// Most clips whose content an extractor is fitted to.
+pub(super) const FITTED: usize = 360;
+/// Most clips of these that it sees more than once.
+const SAMPLED: usize = 144;
+/// Most clips that are in memory at one time: those, and some that are measured or whose turn comes next.
+pub(super) const MOST_KEPT: usize = SAMPLED + 16;
+
 /// All clips of an embedding by number: first those that steps are taken on, then those that none is taken on.
 pub(super) struct ClipPool {
     /// Camera and time of each frame of each clip.
@@ -138,9 +145,10 @@ impl ClipPool {
         self.kept.0.len() >= self.training().len() + self.held_out().len()
     }
 
-    /// Makes clips until all that are in use are there or memory is full.
+    /// Makes clips, the first of training first, until all that are in use are there or memory is full.
     pub(super) fn fill(&mut self, buffers: &mut TrainingBuffers) -> Result<(), EngineError> {
-        for (before, index) in self.training().chain(self.held_out()).enumerate() {
+        let of_training = MOST_KEPT.saturating_sub(self.held_out().len());
+        for (before, index) in self.training().take(of_training).chain(self.held_out()).enumerate() {
             self.get(index, buffers)?;
             if self.kept.0.len() <= before {
                 break;
@@ -160,20 +168,35 @@ impl ClipPool {
         let clip = match self.kept.take(index) {
             Some(clip) => clip,
             None => {
-                let Self { shots, num_training, builder, kept, .. } = self;
-                let (shots, is_trained_on) = (&shots[index], index < *num_training);
-                let mut build =
-                    |builder: &mut ClipBuilder| kept.with_room(0, || builder.build(shots, buffers, is_trained_on));
-                let mut built = build(builder);
-                if is_over_budget(&built) && builder.save_memory() {
-                    built = build(builder);
-                }
-                self.made += 1;
-                Arc::new(built?)
+                let surplus = (self.kept.0.len() + 1).saturating_sub(MOST_KEPT);
+                self.kept.0.drain(..surplus);
+                self.make(index, buffers)?
             }
         };
         self.kept.0.push((index, Arc::clone(&clip)));
         Ok(clip)
+    }
+
+    /// The same of one that is not asked for again soon: no other has to go for it but where memory is short.
+    pub(super) fn get_once(
+        &mut self,
+        index: usize,
+        buffers: &mut TrainingBuffers,
+    ) -> Result<Arc<TrainingClip>, EngineError> {
+        let is_kept = self.kept.0.iter().any(|(kept, _)| *kept == index);
+        if is_kept { self.get(index, buffers) } else { self.make(index, buffers) }
+    }
+
+    fn make(&mut self, index: usize, buffers: &mut TrainingBuffers) -> Result<Arc<TrainingClip>, EngineError> {
+        let Self { shots, num_training, builder, kept, .. } = self;
+        let (shots, is_trained_on) = (&shots[index], index < *num_training);
+        let mut build = |builder: &mut ClipBuilder| kept.with_room(0, || builder.build(shots, buffers, is_trained_on));
+        let mut built = build(builder);
+        if is_over_budget(&built) && builder.save_memory() {
+            built = build(builder);
+        }
+        self.made += 1;
+        Ok(Arc::new(built?))
     }
 
     /// Does work that takes memory to stay; clips make room for it, and what they have in common.
@@ -196,10 +219,20 @@ impl ClipPool {
         0..self.in_use
     }
 
-    /// The same, those first that are in memory: the others push them out.
-    pub(super) fn training_at_hand_first(&self) -> Vec<usize> {
+    /// The first of these, whose content an extractor is fitted to.
+    pub(super) fn fitted(&self) -> std::ops::Range<usize> {
+        0..self.in_use.min(FITTED)
+    }
+
+    /// The first of these, for what is tried on a few.
+    pub(super) fn sampled(&self) -> std::ops::Range<usize> {
+        0..self.in_use.min(SAMPLED)
+    }
+
+    /// Some clips, those first that are in memory: the others could push them out.
+    pub(super) fn at_hand_first(&self, clips: std::ops::Range<usize>) -> Vec<usize> {
         let is_kept = |index: &usize| self.kept.0.iter().any(|(i, _)| i == index);
-        let (mut first, rest): (Vec<_>, Vec<_>) = self.training().partition(is_kept);
+        let (mut first, rest): (Vec<_>, Vec<_>) = clips.partition(is_kept);
         first.extend(rest);
         first
     }

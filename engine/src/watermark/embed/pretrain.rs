@@ -224,7 +224,7 @@ impl<'a> Pretraining<'a> {
         if let (Some(tmsd), Some(map)) = (self.features.tmsd(), map) {
             tmsd.set_colour_map(map);
         }
-        let content = fit::content_features(&mut context, &mut self.features)?;
+        let content = fit::content(&mut context, &mut self.features, None)?;
         let seen = Seen::of(&mut context, &mut self.features, content, None)?;
         Scatter::of(&seen.features())
     }

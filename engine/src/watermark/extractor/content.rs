@@ -32,6 +32,7 @@ const RIDGES: [f64; 3] = [0.003, 0.03, 0.2];
 const THUMBNAILS: &str = "content.thumbnails";
 const WEIGHTS: &str = "content.weights";
 const REACH: &str = "content.reach";
+const RIDGE: &str = "content.ridge";
 
 /// What unmarked views look like, and what CLIP says of them.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,6 +43,8 @@ pub struct ContentModel {
     pub weights: Vec<f32>,
     /// Squared distance of thumbnails at which a view has the e-th part of its share.
     pub reach: f32,
+    /// What was added to the likeness of each view with itself, so that no view tells all.
+    pub ridge: f32,
 }
 
 /// A model, and what it foretells of the views that it was fitted to.
@@ -84,18 +87,34 @@ impl ContentModel {
                 best = (left, ridge);
             }
         }
-        let solved = best.1.solve(&apart, &targets)?;
-        let left_over = solved.left_over();
-        let unexplained = left_over.norm_squared() / targets.norm_squared();
-        tracing::debug!(unexplained, reach = best.1.reach / median, ridge = best.1.ridge, "content foretold");
-        Ok(FittedContent {
-            left_out: row_major(&(targets - left_over)),
-            model: Self {
-                thumbnails: thumbnails.to_vec(),
-                weights: row_major(&solved.weights),
-                reach: single(best.1.reach),
-            },
-        })
+        // As a file holds it, so that what a file says is the same to the bit.
+        let (reach, ridge) = (single(best.1.reach), single(best.1.ridge));
+        let best = Ridge { reach: f64::from(reach), ridge: f64::from(ridge) };
+        let solved = best.solve(&apart, &targets)?;
+        let unexplained = solved.left_over().norm_squared() / targets.norm_squared();
+        tracing::debug!(unexplained, reach = best.reach / median, ridge = best.ridge, "content foretold");
+        let model = Self { thumbnails: thumbnails.to_vec(), weights: row_major(&solved.weights), reach, ridge };
+        Ok(FittedContent { left_out: best.left_out(&apart, &model.weights_of_views(), &solved.own), model })
+    }
+
+    /// What is foretold of each view that it was fitted to by all others `[M, D]`.
+    ///
+    /// # Errors
+    /// [`EngineError::NotFinite`] for views that cannot be told apart.
+    pub fn left_out(&self) -> Result<Vec<f32>, EngineError> {
+        let ridge = Ridge { reach: f64::from(self.reach), ridge: f64::from(self.ridge) };
+        let apart = squared_distances(&self.thumbnails);
+        Ok(ridge.left_out(&apart, &self.weights_of_views(), &ridge.inverse(&apart)?.diagonal()))
+    }
+
+    fn weights_of_views(&self) -> DMatrix<f64> {
+        rows(&self.weights, self.weights.len() / self.views())
+    }
+
+    /// The view that has this thumbnail, if one has.
+    #[must_use]
+    pub fn view_of(&self, thumbnail: &[f32]) -> Option<usize> {
+        self.thumbnails.chunks_exact(THUMBNAIL_LEN).position(|known| known == thumbnail)
     }
 
     /// How many views it remembers.
@@ -121,7 +140,7 @@ impl ContentModel {
         told.into_iter().map(single).collect()
     }
 
-    /// Adds the tensors `content.thumbnails`, `content.weights` and `content.reach` to a file.
+    /// Adds the tensors `content.thumbnails`, `content.weights`, `content.reach` and `content.ridge` to a file.
     pub fn store(&self, file: &mut TensorFile) {
         let views = self.views();
         let mut add = |name: &str, shape: &[usize], values: &[f32]| {
@@ -130,6 +149,7 @@ impl ContentModel {
         add(THUMBNAILS, &[views, THUMBNAIL_LEN], &self.thumbnails);
         add(WEIGHTS, &[views, self.weights.len() / views], &self.weights);
         add(REACH, &[1], &[self.reach]);
+        add(RIDGE, &[1], &[self.ridge]);
     }
 
     /// Reads what [`ContentModel::store`] wrote of features of `width` numbers; none where nothing was stored.
@@ -142,12 +162,13 @@ impl ContentModel {
         if !(1..=MOST_VIEWS).contains(&views) {
             return Err(file.bad(WEIGHTS, &format!("{views} views"), &format!("1 to {MOST_VIEWS}")));
         }
-        let reach = file.finite(REACH, &[1])?[0];
-        if reach <= 0.0 {
-            return Err(file.bad(REACH, &reach.to_string(), "a positive number"));
-        }
+        let positive = |name: &str| match file.finite(name, &[1])?[0] {
+            number if number > 0.0 => Ok(number),
+            other => Err(file.bad(name, &other.to_string(), "a positive number")),
+        };
+        let (reach, ridge) = (positive(REACH)?, positive(RIDGE)?);
         let thumbnails = file.finite(THUMBNAILS, &[views, THUMBNAIL_LEN])?.to_vec();
-        Ok(Some(Self { thumbnails, weights: file.finite(WEIGHTS, &[views, width])?.to_vec(), reach }))
+        Ok(Some(Self { thumbnails, weights: file.finite(WEIGHTS, &[views, width])?.to_vec(), reach, ridge }))
     }
 
     /// How far it is from `other`, as a share of its size; infinite for another number of views.
@@ -157,6 +178,7 @@ impl ContentModel {
             share_apart(&self.thumbnails, &other.thumbnails),
             share_apart(&self.weights, &other.weights),
             share_apart(&[self.reach], &[other.reach]),
+            share_apart(&[self.ridge], &[other.ridge]),
         ];
         // A NaN stays one.
         parts.into_iter().fold(0.0, |most: f64, part| if part.is_nan() || part > most { part } else { most })
@@ -165,7 +187,7 @@ impl ContentModel {
     /// How many numbers it has.
     #[must_use]
     pub fn numbers(&self) -> usize {
-        self.thumbnails.len() + self.weights.len() + 1
+        self.thumbnails.len() + self.weights.len() + 2
     }
 }
 
@@ -177,12 +199,28 @@ struct Ridge {
 }
 
 impl Ridge {
-    fn solve(self, apart: &DMatrix<f64>, targets: &DMatrix<f64>) -> Result<Solved, EngineError> {
+    /// K + ρ.
+    fn kernel(self, apart: &DMatrix<f64>) -> DMatrix<f64> {
         let views = apart.nrows();
-        let kernel = apart.map(|d| (-d / self.reach).exp()) + DMatrix::from_diagonal_element(views, views, self.ridge);
+        apart.map(|d| (-d / self.reach).exp()) + DMatrix::from_diagonal_element(views, views, self.ridge)
+    }
+
+    fn inverse(self, apart: &DMatrix<f64>) -> Result<DMatrix<f64>, EngineError> {
         let singular = || EngineError::NotFinite { what: "likeness of unmarked frames".to_owned(), got: f64::NAN };
-        let inverse = kernel.cholesky().ok_or_else(singular)?.inverse();
+        Ok(self.kernel(apart).cholesky().ok_or_else(singular)?.inverse())
+    }
+
+    fn solve(self, apart: &DMatrix<f64>, targets: &DMatrix<f64>) -> Result<Solved, EngineError> {
+        let inverse = self.inverse(apart)?;
         Ok(Solved { weights: &inverse * targets, own: inverse.diagonal() })
+    }
+
+    /// What all other views foretell of each, with these weights and the diagonal of (K + ρ)⁻¹.
+    fn left_out(self, apart: &DMatrix<f64>, weights: &DMatrix<f64>, own: &DVector<f64>) -> Vec<f32> {
+        let targets = self.kernel(apart) * weights;
+        row_major(&DMatrix::from_fn(weights.nrows(), weights.ncols(), |i, j| {
+            targets[(i, j)] - weights[(i, j)] / own[i]
+        }))
     }
 }
 

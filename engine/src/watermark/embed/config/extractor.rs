@@ -44,7 +44,7 @@ pub enum Extractor {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ContentChoice {
-    /// The mean of all unmarked frames.
+    /// The mean of all unmarked frames; the default of settings from before there was a choice.
     #[default]
     Mean,
     /// What each frame is foretold to say unmarked, see [`crate::watermark::extractor::content`].
@@ -186,16 +186,17 @@ impl Extractor {
         let calibration = |names| CalibrationConfig { probes: DEFAULT_PROBES, probe_level: 0.0, copies: copies(names) };
         let colours = ColourConfig { null_gain: 0.0, null_level: 0.0 };
         let is_the_papers = profile.is_the_papers();
+        let content = if is_the_papers { ContentChoice::Mean } else { ContentChoice::Foretold };
         match mode {
             ExtractorMode::None => Self::None(NoneConfig { calibration: calibration(&[]) }),
             ExtractorMode::Blind => Self::Blind(BlindConfig {
-                content: ContentChoice::default(),
+                content,
                 rotations: 1,
                 calibration: calibration(if is_the_papers { &[] } else { &DEFAULT_COPIES }),
                 colours,
             }),
             ExtractorMode::Pretrained => {
-                let (weights, content) = (WeightsFile::default(), ContentChoice::default());
+                let weights = WeightsFile::default();
                 Self::Pretrained(PretrainedConfig { weights, content, rotations: 1, colours })
             }
             ExtractorMode::Joint => Self::Joint(JointConfig {

@@ -145,7 +145,7 @@ fn is_jitter(degrees: &f64) -> bool {
 }
 
 impl TrainingViews {
-    /// Views of this size, all around from 5 to 65 degrees above the horizon.
+    /// Views of this size, all around from 30 degrees below the horizon to straight above.
     #[must_use]
     pub fn new(size_px: (u32, u32), clips: u32) -> Self {
         Self {
@@ -155,7 +155,7 @@ impl TrainingViews {
             fov_deg: 39.6,
             size_px,
             clips,
-            elevation_deg: (5.0, 65.0),
+            elevation_deg: (-30.0, 90.0),
             azimuth_deg: all_around(),
             distance: as_it_is(),
             zoom: as_it_is(),
