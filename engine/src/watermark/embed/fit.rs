@@ -295,14 +295,14 @@ fn calibration_probes(
 ) -> Result<Vec<f32>, EngineError> {
     let FitContext { device, config, prf, pool, buffers } = context;
     let mut rng = prf.stream(prf::Purpose::Responses, config.seed);
-    let clips = u32::try_from(pool.sampled().len()).unwrap_or(u32::MAX);
+    let clips = u32::try_from(pool.fitted().len()).unwrap_or(u32::MAX);
     let (num_splats, bases) = (buffers.offsets.num_splats(), buffers.offsets.bases());
     let mut found = Vec::new();
     for _ in 0..calibration.probes {
         buffers.offsets.write(&random_field(num_splats, bases, calibration.probe_level, &mut rng))?;
         for _ in 0..CLIPS_PER_PROBE {
             let index = uniform_below(&mut rng, clips) as usize;
-            let clip = pool.get(index, buffers)?;
+            let clip = pool.get_once(index, buffers)?;
             let mut rec = device.recorder()?;
             buffers.render(&mut rec, &clip)?;
             features.forward(&mut rec, &[buffers.resized()])?;

@@ -19,9 +19,9 @@ use crate::networks::lpips::LpipsFeatures;
 use crate::picture::known_views::KnownViews;
 use crate::scene::{Camera, Model};
 
-/// Most clips whose content an extractor is fitted to.
+/// Most clips that an extractor is fitted to.
 pub(super) const FITTED: usize = 360;
-/// Most clips of these that it sees more than once.
+/// Most clips of these that are looked at for colours, copies and the zero.
 const SAMPLED: usize = 144;
 /// Most clips that are in memory at one time: those, and some that are measured or whose turn comes next.
 pub(super) const MOST_KEPT: usize = SAMPLED + 16;
@@ -219,7 +219,7 @@ impl ClipPool {
         0..self.in_use
     }
 
-    /// The first of these, whose content an extractor is fitted to.
+    /// The first of these, which an extractor is fitted to.
     pub(super) fn fitted(&self) -> std::ops::Range<usize> {
         0..self.in_use.min(FITTED)
     }
