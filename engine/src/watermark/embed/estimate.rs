@@ -106,8 +106,10 @@ impl Estimate {
         let asked = fitted + (config.try_out_steps() + config.optimiser.steps) as f64;
         let step_seconds = timed / timed_steps as f64;
         let measured = config.most_evaluations();
-        // Clips that are fitted to and have no room are made again for their step.
-        let again = fitted_clips.saturating_sub(most_kept);
+        // Clips that are fitted to and have no room are made for that alone: once, and for the random fields that fall to
+        // them.
+        let beyond = fitted_clips.saturating_sub(most_kept) as f64;
+        let per_beyond = 1.0 + (PASSES_PER_PROBE * config.extractor.probes()) as f64 / fitted_clips as f64;
         Ok(Self {
             splats: subject.model.gaussians.len(),
             clips,
@@ -117,7 +119,7 @@ impl Estimate {
             peak_memory_bytes: budget.map_or(all, |bytes| all.min(bytes)),
             budget_bytes: budget,
             clips_in_memory: in_memory,
-            plan_seconds: per_clip * ((clips + again) as f64 + missed * asked),
+            plan_seconds: per_clip * (clips as f64 + beyond * per_beyond + missed * asked),
             fit_seconds: embedding.seconds["fit"] * fitted / passes(&few, embedding.clips.fitted().len())
                 + step_seconds * config.try_out_steps() as f64,
             train_seconds: step_seconds * config.optimiser.steps as f64 + measuring * measured as f64,

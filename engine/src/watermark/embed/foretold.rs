@@ -44,12 +44,9 @@ impl Foretold {
         let thumbnails: Vec<f32> = of_these().flat_map(|clip| clip.thumbnails.iter().copied()).collect();
         let features: Vec<f32> = of_these().flat_map(|clip| clip.features.iter().copied()).collect();
         let FittedContent { model, left_out } = ContentModel::fit(&thumbnails, &features)?;
-        let of_each = left_out.chunks_exact(left_out.len() / used).map(<[f32]>::to_vec);
-        let mut clips: HashMap<usize, Vec<f32>> = numbers.iter().copied().zip(of_each).collect();
-        for (number, clip) in content.iter().enumerate() {
-            clips.entry(number).or_insert_with(|| model.foretell(&clip.thumbnails));
-        }
-        Ok(Self { model: Arc::new(model), left_out, thumbnailer, clips })
+        let mut fitted = Self { model: Arc::new(model), left_out, thumbnailer, clips: HashMap::new() };
+        fitted.clips = content.iter().map(|clip| fitted.told(&clip.thumbnails)).enumerate().collect();
+        Ok(fitted)
     }
 
     /// What a model that is given says.
@@ -87,15 +84,17 @@ impl Foretold {
         let mut rec = device.recorder()?;
         self.thumbnailer.record(&mut rec, clip)?;
         rec.submit()?;
-        let thumbnails = self.thumbnailer.read()?;
-        let mut told = self.model.foretell(&thumbnails);
+        Ok(self.told(&self.thumbnailer.read()?))
+    }
+
+    /// The same of what clips look like `[F, T, T, 3]`.
+    fn told(&self, thumbnails: &[f32]) -> Vec<f32> {
         let width = self.left_out.len() / self.model.views();
-        for (told, thumbnail) in told.chunks_exact_mut(width).zip(thumbnails.chunks_exact(THUMBNAIL_LEN)) {
-            if let Some(view) = self.model.view_of(thumbnail) {
-                told.copy_from_slice(&self.left_out[view * width..][..width]);
-            }
-        }
-        Ok(told)
+        let of_one = |thumbnail| match self.model.view_of(thumbnail) {
+            Some(view) => self.left_out[view * width..][..width].to_vec(),
+            None => self.model.foretell(thumbnail),
+        };
+        thumbnails.chunks_exact(THUMBNAIL_LEN).flat_map(of_one).collect()
     }
 }
 
