@@ -44,7 +44,7 @@ mod tests {
 
     #[test]
     fn windows_go_over_all_clips_once() {
-        for (steps, clips) in [(700, 432), (900, 144), (96, 96), (500, 97)] {
+        for (steps, clips) in [(700, 432), (900, 144), (97, 96), (500, 97)] {
             let of = |step| window(step, steps, clips);
             assert_eq!((of(0).start, of(steps - 1).end), (0, clips), "from the first to the last");
             for step in 1..steps {
@@ -57,7 +57,7 @@ mod tests {
 
     #[test]
     fn steps_have_a_clip_each_where_there_are_as_many() {
-        for (steps, clips) in [(360, 360), (3, 6), (1, 4), (1, 1), (200, 540)] {
+        for (steps, clips) in [(360, 360), (96, 96), (3, 6), (1, 4), (1, 1), (200, 540)] {
             let seen: Vec<usize> = (0..steps).map(|step| window(step, steps, clips)).map(|w| w.start).collect();
             assert!((0..steps).all(|step| window(step, steps, clips).len() == 1));
             assert!(seen.windows(2).all(|pair| pair[0] < pair[1]), "none twice: {seen:?}");
