@@ -106,8 +106,8 @@ impl Estimate {
         let asked = fitted + (config.try_out_steps() + config.optimiser.steps) as f64;
         let step_seconds = timed / timed_steps as f64;
         let measured = config.most_evaluations();
-        // Clips that are fitted to and have no room are made for that alone: once, and for the random fields that fall to
-        // them.
+        // Clips that are fitted to and have no room are made for that alone: once, and for the random fields that fall
+        // to them.
         let beyond = fitted_clips.saturating_sub(most_kept) as f64;
         let per_beyond = 1.0 + (PASSES_PER_PROBE * config.extractor.probes()) as f64 / fitted_clips as f64;
         Ok(Self {
