@@ -7,7 +7,7 @@ use guard4d_kernels::image::noise::{self, Noise};
 use guard4d_kernels::image::normalize::{self, Normalization};
 use guard4d_kernels::image::resize::{self, ImageSize, Onward, ResizePlan};
 use guard4d_kernels::image::warp::{self, Sampling, Warp};
-use guard4d_kernels::image::{chroma420, colour_map, quantize};
+use guard4d_kernels::image::{chroma420, colour_map, levels, quantize};
 use guard4d_kernels::shape::ClipShape;
 
 use crate::harness::{Bench, Outcome, Work};
@@ -95,6 +95,10 @@ fn disturb_pixels(bench: &mut Bench, clips: &mut Clips) -> Outcome {
     let Clips { x, v_y, out } = clips;
     let label = format!("{FRAMES}x{SIDE}x{SIDE}");
     bench.passes(&format!("image/quantize {label}"), two(), |rec| quantize::forward(rec, x, out))?;
+    let mut words = bench.device.buffer("words", PIXELS)?;
+    let packed = || Work::Bytes((20 * PIXELS) as f64, "(16 + 4)·F·H·W");
+    bench.passes(&format!("image/levels pack {label}"), packed(), |rec| levels::pack(rec, x, &mut words))?;
+    bench.passes(&format!("image/levels unpack {label}"), packed(), |rec| levels::unpack(rec, &words, out))?;
     let noise = Noise { sigma: 0.02, seed: 1, stream: 0 };
     bench.passes(&format!("image/noise forward {label}"), two(), |rec| noise::forward(rec, &noise, x, out))?;
     bench.passes(&format!("image/noise backward {label}"), three(), |rec| noise::backward(rec, &noise, x, v_y, out))

@@ -46,7 +46,9 @@ fn dates_of_others_and_by_others_are_refused() {
     if !has_openssl() {
         return;
     }
-    let (folder, authority) = (scratch(), Authority::new(P256, "sha256"));
+    // Both before the token, so that its date is within both certificates.
+    let [authority, stranger] = [(); 2].map(|()| Authority::new(P256, "sha256"));
+    let folder = scratch();
     let (one, two) = (receipt(folder.path(), "one", 1), receipt(folder.path(), "two", 2));
     let request = folder.path().join("request.tsq");
     guard4d(&[&"timestamp", &"request", &one, &"--out", &request]).done();
@@ -57,7 +59,6 @@ fn dates_of_others_and_by_others_are_refused() {
     let token = folder.path().join("one.tst");
     guard4d(&[&"timestamp", &"check", &two]).refused(66, &["two.tst: not found"]);
     guard4d(&[&"timestamp", &"check", &two, &"--timestamp", &token]).refused(65, &["one.tst: TSTInfo.messageImprint"]);
-    let stranger = Authority::new(P256, "sha256");
     guard4d(&[&"timestamp", &"check", &one, &"--ca", &stranger.path("ca.pem")]).refused(65, &["certificate.signature"]);
     let text = put(folder.path(), "notes.txt", b"no receipt");
     guard4d(&[&"timestamp", &"request", &text, &"--out", &folder.path().join("x")]).refused(65, &["notes.txt: schema"]);

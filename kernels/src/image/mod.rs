@@ -5,6 +5,7 @@ pub mod colour_map;
 pub mod crop;
 mod frames;
 pub mod jpeg;
+pub mod levels;
 pub mod noise;
 pub mod normalize;
 pub mod quantize;

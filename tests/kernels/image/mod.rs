@@ -2,6 +2,7 @@ mod chroma420;
 mod colour_map;
 mod crop;
 mod jpeg;
+mod levels;
 mod noise;
 mod normalize;
 mod quantize;

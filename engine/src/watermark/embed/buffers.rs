@@ -1,8 +1,8 @@
 //! Offsets, renderer and full-size clip buffers of training, and what each holds when.
 
 use guard4d_kernels::image::noise::{self, Noise};
-use guard4d_kernels::image::quantize;
 use guard4d_kernels::image::resize::{ImageSize, Onward, ResizePlan};
+use guard4d_kernels::image::{levels, quantize};
 use guard4d_kernels::shape::OffsetBases;
 use guard4d_kernels::splat::tile_bin::Prune;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
@@ -21,16 +21,18 @@ use crate::watermark::step_part::StepPart;
 
 /// Offsets, renderer and full-size clip buffers, one clip at a time.
 ///
-/// A step writes `raw` and `marked`, then `resized` and, of its control, `control`; its way back writes `v_marked`,
-/// `v_raw` and the offsets' gradient. Between steps all but the offsets is free, so that clips are made, and the
-/// extractor is fitted, in the same memory. Within a step `v_raw` is free until the way back, and `marked` is not once
-/// losses that look at pixels have seen it and it is resized: controls are made in these two.
+/// A step writes `unmarked`, `raw` and `marked`, then `resized` and, of its control, `control`; its way back writes
+/// `v_marked`, `v_raw` and the offsets' gradient. Between steps all but the offsets is free, so that clips are made, and
+/// the extractor is fitted, in the same memory. Within a step `v_raw` is free until the way back, and `marked` is not
+/// once losses that look at pixels have seen it and it is resized: controls are made in these two.
 pub(super) struct TrainingBuffers {
     pub(super) offsets: TrainedOffsets,
     renderer: Renderer,
     resizer: Resizer,
     size: ImageSize,
     background: [f32; 3],
+    /// Unmarked frames of the clip at hand, rounded `[F,H,W,4]`.
+    unmarked: Buffer<f32>,
     /// Marked frames as they are rendered `[F,H,W,4]`.
     raw: Buffer<f32>,
     /// The same clamped and rounded, as a video holds them.
@@ -47,9 +49,10 @@ pub(super) struct TrainingBuffers {
     copies: Option<Copies>,
 }
 
-/// Marked frames, and where their gradient goes, if a loss looks at pixels.
+/// Marked frames, what they are compared with, and where their gradient goes, if a loss looks at pixels.
 pub(super) struct MarkedFrames<'a> {
     pub(super) frames: &'a Buffer<f32>,
+    pub(super) unmarked: &'a Buffer<f32>,
     pub(super) gradient: &'a mut Buffer<f32>,
 }
 
@@ -67,6 +70,7 @@ impl TrainingBuffers {
             size,
             background: model.background,
             offsets: TrainedOffsets::new(device, model, config.fidelity.bases)?,
+            unmarked: full("unmarked")?,
             raw: full("raw")?,
             marked: full("marked")?,
             v_marked: if looks_at_pixels { full("v_marked")? } else { device.buffer("buffers.v_marked", 0)? },
@@ -82,9 +86,9 @@ impl TrainingBuffers {
         self.size
     }
 
-    /// Floats of a clip, and of one at CLIP's size.
-    pub(super) fn clip_lens(&self) -> (usize, usize) {
-        (self.raw.len(), self.resized.len())
+    /// Pixels of a clip.
+    pub(super) fn num_pixels(&self) -> usize {
+        CLIP_FRAMES * self.size.height * self.size.width
     }
 
     /// What of a view never changes while its colours do.
@@ -96,16 +100,27 @@ impl TrainingBuffers {
         })
     }
 
-    /// Unmarked frames of `clip`, rounded, and the same at CLIP's size, between steps.
+    /// Unmarked frames of `clip`, rounded, for it to keep, between steps.
     pub(super) fn draw_unmarked(&mut self, rec: &mut Recorder, clip: &mut TrainingClip) -> Result<(), EngineError> {
         self.renderer.forward_clip(rec, &clip.plans, None, self.background, &mut self.raw)?;
-        quantize::forward(rec, &self.raw, &mut clip.reference)?;
-        Ok(self.resizer.forward(rec, &clip.reference, &mut clip.resized)?)
+        levels::pack(rec, &self.raw, &mut clip.unmarked)?;
+        Ok(self.unpack_unmarked(rec, clip)?)
     }
 
-    /// Marked frames of a clip, clamped and rounded as a video holds them. Rounding passes its gradient through,
-    /// clamping does not.
+    /// Takes out the unmarked frames of a clip.
+    fn unpack_unmarked(&mut self, rec: &mut Recorder, clip: &TrainingClip) -> Result<(), KernelError> {
+        StepPart::Image.record(rec, |rec| levels::unpack(rec, &clip.unmarked, &mut self.unmarked))
+    }
+
+    /// The unmarked frames of the clip that was drawn last.
+    pub(super) fn unmarked(&self) -> &Buffer<f32> {
+        &self.unmarked
+    }
+
+    /// Marked frames of a clip, clamped and rounded as a video holds them, and its unmarked frames. Rounding passes its
+    /// gradient through, clamping does not.
     pub(super) fn draw(&mut self, rec: &mut Recorder, clip: &TrainingClip) -> Result<(), EngineError> {
+        self.unpack_unmarked(rec, clip)?;
         let offsets = self.offsets.as_rendered();
         StepPart::RenderForward.record(rec, |rec| {
             self.renderer.forward_clip(rec, &clip.plans, Some(offsets), self.background, &mut self.raw)
@@ -129,9 +144,9 @@ impl TrainingBuffers {
         Ok(self.shrink(rec, None)?)
     }
 
-    /// The marked frames, and room for their gradient.
+    /// The marked and the unmarked frames, and room for the gradient of the marked ones.
     pub(super) fn marked(&mut self) -> MarkedFrames<'_> {
-        MarkedFrames { frames: &self.marked, gradient: &mut self.v_marked }
+        MarkedFrames { frames: &self.marked, unmarked: &self.unmarked, gradient: &mut self.v_marked }
     }
 
     /// The marked frames at CLIP's size.
@@ -144,6 +159,12 @@ impl TrainingBuffers {
         &self.control
     }
 
+    /// The unmarked frames of any clip, as the control.
+    pub(super) fn clean_control(&mut self, rec: &mut Recorder, clip: &TrainingClip) -> Result<(), KernelError> {
+        self.unpack_unmarked(rec, clip)?;
+        StepPart::Image.record(rec, |rec| self.resizer.forward(rec, &self.unmarked, &mut self.control))
+    }
+
     /// The unmarked frames with noise, rounded before they are resized, as the control.
     pub(super) fn noisy_control(
         &mut self,
@@ -151,8 +172,9 @@ impl TrainingBuffers {
         clip: &TrainingClip,
         noise: &Noise,
     ) -> Result<(), KernelError> {
+        self.unpack_unmarked(rec, clip)?;
         StepPart::Image.record(rec, |rec| {
-            noise::forward(rec, noise, &clip.reference, &mut self.v_raw)?;
+            noise::forward(rec, noise, &self.unmarked, &mut self.v_raw)?;
             self.shrink_control(rec)
         })
     }
@@ -164,10 +186,11 @@ impl TrainingBuffers {
         clip: &TrainingClip,
         drawn: Drawn,
     ) -> Result<(), KernelError> {
-        let Self { copies, resizer, v_raw, control, .. } = self;
+        self.unpack_unmarked(rec, clip)?;
+        let Self { copies, resizer, unmarked, v_raw, control, .. } = self;
         let Some(copies) = copies else { return Ok(()) };
         StepPart::Image.record(rec, |rec| {
-            copies.distort(rec, drawn, &clip.reference, v_raw)?;
+            copies.distort(rec, drawn, unmarked, v_raw)?;
             copies.shrink(rec, v_raw, resizer, control)
         })
     }
@@ -180,7 +203,8 @@ impl TrainingBuffers {
         layer: &mut DistortionLayer,
         drawn: Drawn,
     ) -> Result<(), KernelError> {
-        layer.forward(rec, drawn, &clip.reference, &mut self.v_raw)?;
+        self.unpack_unmarked(rec, clip)?;
+        layer.forward(rec, drawn, &self.unmarked, &mut self.v_raw)?;
         self.shrink_control(rec)
     }
 

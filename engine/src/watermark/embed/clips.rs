@@ -115,11 +115,9 @@ impl ClipBuilder {
             let state = self.field.at(*time)?;
             plans.push(Arc::new(buffers.plan(&state, camera)?));
         }
-        let (full, small) = buffers.clip_lens();
         let mut clip = TrainingClip {
             plans,
-            reference: self.device.buffer("clip.reference", full)?,
-            resized: self.device.buffer("clip.resized", small)?,
+            unmarked: self.device.buffer("clip.unmarked", buffers.num_pixels())?,
             moments: None,
             features: OnceLock::new(),
         };
@@ -127,7 +125,7 @@ impl ClipBuilder {
         buffers.draw_unmarked(&mut rec, &mut clip)?;
         if let Some(scratch) = self.similarity.as_mut().filter(|_| is_trained_on) {
             let mut moments = SsimReference::new(&self.device, buffers.frame_size(), shots.len())?;
-            ssim::prepare(&mut rec, &clip.reference, &mut moments, scratch)?;
+            ssim::prepare(&mut rec, buffers.unmarked(), &mut moments, scratch)?;
             clip.moments = Some(moments);
         }
         rec.submit()?;

@@ -196,7 +196,7 @@ impl<'a> Embedding<'a> {
         let (index, mut rng) = draw(subject.key, config.seed, step, among);
         let clip = loss.clip(clips, buffers, index)?;
         let inputs = StepInputs::draw(config, step, decay, self.hold.offset_scale, &mut rng);
-        loss.foretell(subject.device, index, &clip)?;
+        loss.foretell(subject.device, buffers, index, &clip)?;
         loss.make_room(subject.device, clips, &clip, inputs)?;
         let (report, timings) = loss.step(subject.device, buffers, &clip, config, inputs)?;
         if !(report.total.is_finite() && report.mse.is_finite()) {

@@ -9,7 +9,7 @@ use super::config::EmbedConfig;
 use super::draw::{draw, window};
 use super::embedding::Embedding;
 use super::fit::{CLIPS_PER_PROBE, ZERO_CLIPS};
-use super::pool::{ClipPool, FITTED, MOST_KEPT};
+use super::pool::{ClipPool, FITTED, MOST_KEPT_BYTES};
 use super::subject::{Start, Subject};
 use crate::error::EngineError;
 
@@ -86,7 +86,7 @@ impl Estimate {
         let clip_bytes = kept / embedding.clips.in_memory().max(1) as u64;
         // Other buffers of this device, such as CLIP's weights, are part of it.
         let resident_bytes = used.peak_reserved_bytes - kept - embedding.clips.features_bytes();
-        let most_kept = clips.min(MOST_KEPT);
+        let most_kept = clips.min(usize::try_from(MOST_KEPT_BYTES / clip_bytes.max(1)).unwrap_or(usize::MAX).max(1));
         let mut all = resident_bytes + clip_bytes * most_kept as u64;
         // Only what all clips have room for beside them.
         if most_kept == clips && budget.is_none_or(|bytes| all <= bytes) {

@@ -118,9 +118,15 @@ impl ExtractorLoss {
     }
 
     /// Gets ready for a step on this clip, or for reading it.
-    pub(super) fn foretell(&mut self, device: &Device, number: usize, clip: &TrainingClip) -> Result<(), EngineError> {
+    pub(super) fn foretell(
+        &mut self,
+        device: &Device,
+        buffers: &mut TrainingBuffers,
+        number: usize,
+        clip: &TrainingClip,
+    ) -> Result<(), EngineError> {
         if let Some(content) = &mut self.content {
-            content.foretell(device, number, clip)?;
+            content.foretell(device, buffers, number, clip)?;
         }
         Ok(())
     }
@@ -264,7 +270,10 @@ impl ExtractorLoss {
                 buffers.distorted_control(rec, clip, drawn)?;
                 self.features.stack(rec, &[buffers.resized(), buffers.control()])
             }
-            (ControlTurn::Clean, None) => self.features.stack(rec, &[buffers.resized(), &clip.resized]),
+            (ControlTurn::Clean, None) => {
+                buffers.clean_control(rec, clip)?;
+                self.features.stack(rec, &[buffers.resized(), buffers.control()])
+            }
             (ControlTurn::Noisy, None) => {
                 buffers.noisy_control(rec, clip, &inputs.noise)?;
                 self.features.stack(rec, &[buffers.resized(), buffers.control()])
@@ -457,7 +466,10 @@ impl ExtractorLoss {
         let mut rec = device.recorder()?;
         buffers.render(&mut rec, clip)?;
         self.fidelity.record(&mut rec, buffers, clip, config)?;
-        let all = [buffers.resized(), &clip.resized];
+        if branches > 1 {
+            buffers.clean_control(&mut rec, clip)?;
+        }
+        let all = [buffers.resized(), buffers.control()];
         self.features.forward(&mut rec, &all[..branches])?;
         self.decode(&mut rec, 0)?;
         rec.copy(&self.fidelity.values, 0, &mut self.report, 0, NUM_VALUES)?;

@@ -56,18 +56,18 @@ impl FidelityLoss {
         clip: &TrainingClip,
         config: &EmbedConfig,
     ) -> Result<(), KernelError> {
-        let MarkedFrames { frames, gradient } = buffers.marked();
+        let MarkedFrames { frames, unmarked, gradient } = buffers.marked();
         let objective = &config.objective;
         let Self { values, sums, similarity } = self;
         let num_px = frames.len() / 4;
-        let pair = PixelPair { image: frames, image_px: 0, reference: &clip.reference, reference_px: 0, num_px };
+        let pair = PixelPair { image: frames, image_px: 0, reference: unmarked, reference_px: 0, num_px };
         // The squared error is only measured: the fidelity is held by scaling the offsets.
         let weights = PixelWeights { square: 0.0, absolute: 1.0 - objective.lambda_ssim };
         StepPart::Losses.record(rec, |rec| {
             let term = Term { values, slot: MSE, weight: objective.lambda_recon, accumulate: Accumulate::Overwrite };
             pixel::step(rec, &pair, weights, Some(&mut *gradient).filter(|v| !v.is_empty()), term, sums)?;
             if let (Some(moments), Some(scratch)) = (&clip.moments, similarity) {
-                let pair = SsimPair { clip: frames, reference: &clip.reference, moments };
+                let pair = SsimPair { clip: frames, reference: unmarked, moments };
                 let weight = objective.lambda_recon * objective.lambda_ssim;
                 let term = Term { values, slot: DISSIMILARITY, weight, accumulate: Accumulate::Add };
                 ssim::step(rec, &pair, gradient, term, scratch)?;

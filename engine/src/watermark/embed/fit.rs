@@ -178,16 +178,14 @@ pub(super) fn unmarked_features(
         for noise in [None, Some(Noise { sigma, seed: config.seed, stream })] {
             let mut rec = device.recorder()?;
             match noise {
-                None => features.forward(&mut rec, &[&clip.resized])?,
-                Some(noise) => {
-                    buffers.noisy_control(&mut rec, &clip, &noise)?;
-                    features.forward(&mut rec, &[buffers.control()])?;
-                }
+                None => buffers.clean_control(&mut rec, &clip)?,
+                Some(noise) => buffers.noisy_control(&mut rec, &clip, &noise)?,
             }
+            features.forward(&mut rec, &[buffers.control()])?;
             rec.submit()?;
             let mut seen = features.features().read()?;
             if let Some(foretold) = foretold.as_deref_mut() {
-                take_off(&mut seen, foretold.of_clip(device, index, &clip)?);
+                take_off(&mut seen, foretold.of_clip(device, buffers, index, &clip)?);
             }
             found.extend(seen);
         }
@@ -203,12 +201,16 @@ pub(super) fn colour_map(context: &mut FitContext<'_>) -> Result<Option<ColourMa
 
 /// E\[x xᵀ\] over all pixels of the resized unmarked clips.
 fn second_moment(context: &mut FitContext<'_>) -> Result<Matrix3<f64>, EngineError> {
-    let FitContext { pool, buffers, .. } = context;
+    let FitContext { device, pool, buffers, .. } = context;
     // Clips come in the order of what is in memory; their sums are added in the order of their numbers.
     let mut sums = vec![(Matrix3::zeros(), 0.0); pool.sampled().len()];
     for index in pool.at_hand_first(pool.sampled()) {
         let (sum, count) = &mut sums[index];
-        for texel in pool.get(index, buffers)?.resized.read()?.as_chunks::<4>().0 {
+        let clip = pool.get(index, buffers)?;
+        let mut rec = device.recorder()?;
+        buffers.clean_control(&mut rec, &clip)?;
+        rec.submit()?;
+        for texel in buffers.control().read()?.as_chunks::<4>().0 {
             let x = nalgebra::Vector3::new(f64::from(texel[0]), f64::from(texel[1]), f64::from(texel[2]));
             *sum += x * x.transpose();
             *count += 1.0;
@@ -239,9 +241,10 @@ pub(super) fn content(
     for index in pool.at_hand_first(pool.fitted()) {
         let clip = pool.get_once(index, buffers)?;
         let mut rec = device.recorder()?;
-        features.forward(&mut rec, &[&clip.resized])?;
+        buffers.clean_control(&mut rec, &clip)?;
+        features.forward(&mut rec, &[buffers.control()])?;
         if let Some(thumbnailer) = &mut thumbnailer {
-            thumbnailer.record(&mut rec, &clip.resized)?;
+            thumbnailer.record(&mut rec, buffers.control())?;
         }
         rec.submit()?;
         let thumbnails = thumbnailer.as_ref().map(|thumbnailer| thumbnailer.read()).transpose()?;

@@ -7,6 +7,7 @@ use guard4d_kernels::nn::axpy;
 use guard4d_kernels::shape::ClipShape;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
 
+use super::buffers::TrainingBuffers;
 use super::pool::ClipPool;
 use super::training_clip::TrainingClip;
 use crate::error::EngineError;
@@ -69,11 +70,15 @@ impl Foretold {
     pub(super) fn of_clip(
         &mut self,
         device: &Device,
+        buffers: &mut TrainingBuffers,
         number: usize,
         clip: &TrainingClip,
     ) -> Result<&[f32], EngineError> {
         if !self.clips.contains_key(&number) {
-            let told = self.of_frames(device, &clip.resized)?;
+            let mut rec = device.recorder()?;
+            buffers.clean_control(&mut rec, clip)?;
+            rec.submit()?;
+            let told = self.of_frames(device, buffers.control())?;
             self.clips.insert(number, told);
         }
         Ok(&self.clips[&number])
@@ -120,8 +125,14 @@ impl TakenOff {
     }
 
     /// Gets ready for the features of this clip.
-    pub(super) fn foretell(&mut self, device: &Device, number: usize, clip: &TrainingClip) -> Result<(), EngineError> {
-        Ok(self.told.write(self.foretold.of_clip(device, number, clip)?)?)
+    pub(super) fn foretell(
+        &mut self,
+        device: &Device,
+        buffers: &mut TrainingBuffers,
+        number: usize,
+        clip: &TrainingClip,
+    ) -> Result<(), EngineError> {
+        Ok(self.told.write(self.foretold.of_clip(device, buffers, number, clip)?)?)
     }
 
     /// Takes off what is foretold, for which gradients pass as they are.

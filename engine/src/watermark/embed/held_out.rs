@@ -22,7 +22,7 @@ pub(super) fn evaluate(
     let clips = pool.held_out();
     for index in clips.clone() {
         let clip = loss.clip(pool, buffers, index)?;
-        loss.foretell(device, index, &clip)?;
+        loss.foretell(device, buffers, index, &clip)?;
         let reading: ClipReading = loss.read_clip(device, buffers, &clip, config)?;
         squares += reading.mse;
         len = reading.marked.len();

@@ -89,7 +89,7 @@ impl Perception {
         clip: &TrainingClip,
         corner: [usize; 2],
     ) -> Result<(), KernelError> {
-        let pair = Pair { image: marked.frames, reference: &clip.reference, full: self.frame, corner };
+        let pair = Pair { image: marked.frames, reference: marked.unmarked, full: self.frame, corner };
         let known = match (clip.features.get(), &mut self.room) {
             (Some(features), _) => Reference::Kept(features),
             (None, Some(room)) => Reference::Keep(room),

@@ -23,8 +23,8 @@ use crate::scene::{Camera, Model};
 pub(super) const FITTED: usize = 360;
 /// Most clips of these that are looked at for colours, copies and the zero.
 const SAMPLED: usize = 144;
-/// Most clips that are in memory at one time: those, and some that are measured or whose turn comes next.
-pub(super) const MOST_KEPT: usize = SAMPLED + 16;
+/// Most device bytes of the clips that are in memory at one time, unless a single one is larger.
+pub(super) const MOST_KEPT_BYTES: u64 = 4 << 30;
 
 /// All clips of an embedding by number: first those that steps are taken on, then those that none is taken on.
 pub(super) struct ClipPool {
@@ -147,8 +147,7 @@ impl ClipPool {
 
     /// Makes clips, the first of training first, until all that are in use are there or memory is full.
     pub(super) fn fill(&mut self, buffers: &mut TrainingBuffers) -> Result<(), EngineError> {
-        let of_training = MOST_KEPT.saturating_sub(self.held_out().len());
-        for (before, index) in self.training().take(of_training).chain(self.held_out()).enumerate() {
+        for (before, index) in self.training().chain(self.held_out()).enumerate() {
             self.get(index, buffers)?;
             if self.kept.0.len() <= before {
                 break;
@@ -168,9 +167,11 @@ impl ClipPool {
         let clip = match self.kept.take(index) {
             Some(clip) => clip,
             None => {
-                let surplus = (self.kept.0.len() + 1).saturating_sub(MOST_KEPT);
-                self.kept.0.drain(..surplus);
-                self.make(index, buffers)?
+                let clip = self.make(index, buffers)?;
+                while !self.kept.0.is_empty() && self.bytes() + clip.bytes() > MOST_KEPT_BYTES {
+                    self.kept.0.remove(0);
+                }
+                clip
             }
         };
         self.kept.0.push((index, Arc::clone(&clip)));
@@ -183,8 +184,14 @@ impl ClipPool {
         index: usize,
         buffers: &mut TrainingBuffers,
     ) -> Result<Arc<TrainingClip>, EngineError> {
-        let is_kept = self.kept.0.iter().any(|(kept, _)| *kept == index);
-        if is_kept { self.get(index, buffers) } else { self.make(index, buffers) }
+        if self.kept.0.iter().any(|(kept, _)| *kept == index) {
+            return self.get(index, buffers);
+        }
+        let clip = self.make(index, buffers)?;
+        if self.bytes() + clip.bytes() <= MOST_KEPT_BYTES {
+            self.kept.0.push((index, Arc::clone(&clip)));
+        }
+        Ok(clip)
     }
 
     fn make(&mut self, index: usize, buffers: &mut TrainingBuffers) -> Result<Arc<TrainingClip>, EngineError> {

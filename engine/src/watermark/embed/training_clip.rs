@@ -14,10 +14,8 @@ use crate::render::FramePlan;
 #[derive(Debug)]
 pub(super) struct TrainingClip {
     pub(super) plans: Vec<Arc<FramePlan>>,
-    /// Unmarked frames `[F,H,W,4]`, rounded to 8 bits as a video holds them.
-    pub(super) reference: Buffer<f32>,
-    /// The same at CLIP's size.
-    pub(super) resized: Buffer<f32>,
+    /// Unmarked frames, rounded to 8 bits as a video holds them: a word of four levels for each pixel `[F,H,W]`.
+    pub(super) unmarked: Buffer<u32>,
     /// Reference moments for SSIM, when it is part of the loss.
     pub(super) moments: Option<SsimReference>,
     /// What LPIPS's network sees in the unmarked frames, once a step has computed it where there is room to keep it.
@@ -28,7 +26,7 @@ impl TrainingClip {
     /// Device bytes, but for LPIPS's features; the scene's coefficients are shared and not counted.
     pub(super) fn bytes(&self) -> u64 {
         let plans: usize = self.plans.iter().map(|plan| plan.bytes()).sum();
-        let frames = size_of::<f32>() * (self.reference.len() + self.resized.len());
+        let frames = size_of::<u32>() * self.unmarked.len();
         (plans + frames + self.moments.as_ref().map_or(0, SsimReference::bytes)) as u64
     }
 }

@@ -4,6 +4,7 @@ pub mod chroma420;
 pub mod colour_map;
 pub mod crop;
 pub mod jpeg;
+pub mod levels;
 pub mod noise;
 pub mod normalize;
 pub mod quantize;
