@@ -22,9 +22,9 @@ use crate::watermark::step_part::StepPart;
 /// Offsets, renderer and full-size clip buffers, one clip at a time.
 ///
 /// A step writes `unmarked`, `raw` and `marked`, then `resized` and, of its control, `control`; its way back writes
-/// `v_marked`, `v_raw` and the offsets' gradient. Between steps all but the offsets is free, so that clips are made, and
-/// the extractor is fitted, in the same memory. Within a step `v_raw` is free until the way back, and `marked` is not
-/// once losses that look at pixels have seen it and it is resized: controls are made in these two.
+/// `v_marked`, `v_raw` and the offsets' gradient. Between steps all but the offsets is free, so that clips are made,
+/// and the extractor is fitted, in the same memory. Within a step `v_raw` is free until the way back, and `marked` is
+/// not once losses that look at pixels have seen it and it is resized: controls are made in these two.
 pub(super) struct TrainingBuffers {
     pub(super) offsets: TrainedOffsets,
     renderer: Renderer,
