@@ -10,6 +10,7 @@ use crate::commands::convert::ConvertArgs;
 use crate::commands::demo::DemoArgs;
 use crate::commands::disclose::DiscloseArgs;
 use crate::commands::embed::args::EmbedArgs;
+use crate::commands::farm::actions::FarmArgs;
 use crate::commands::inspect::InspectArgs;
 use crate::commands::keygen::KeygenArgs;
 use crate::commands::man::ManArgs;
@@ -69,6 +70,10 @@ pub(crate) enum Command {
     Attack(AttackArgs),
     /// Writes a model, or a moment of a moving one, as a file for other programs
     Convert(ConvertArgs),
+    /// Does many jobs, on one machine or on many: a row of a manifest for each
+    ///
+    /// What is done stays done when it is run again, and a row that fails stops no other.
+    Farm(FarmArgs),
     /// Says what a model, key or receipt holds
     Inspect(InspectArgs),
     /// Lists the Vulkan devices

@@ -9,13 +9,13 @@ mod ui;
 use std::panic::{UnwindSafe, catch_unwind};
 use std::process::ExitCode;
 
-use clap::{CommandFactory as _, Parser as _};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser as _};
 use guard4d_engine::error::{EngineError, INTERNAL_ERROR};
 
 use command_line::{Cli, Command};
 use commands::{
-    attack, commit, completions, convert, demo, devices, disclose, embed, inspect, keygen, lab, man, reference, render,
-    timestamp, undo, verify,
+    attack, commit, completions, convert, demo, devices, disclose, embed, farm, inspect, keygen, lab, man, reference,
+    render, timestamp, undo, verify,
 };
 use ui::log;
 use ui::outcome::Outcome;
@@ -56,6 +56,14 @@ fn run(cli: &Cli) -> Result<Outcome, EngineError> {
         Command::Devices => devices::run(common),
         Command::Disclose(args) => disclose::run(args, common),
         Command::Embed(args) => embed::run::run(args, common),
+        Command::Farm(args) => farm::actions::run(args, common, Cli::command(), &|matches, common| {
+            let refuse = |error: clap::Error| EngineError::Usage {
+                what: "row".to_owned(),
+                got: error.to_string(),
+                expected: "a command line".to_owned(),
+            };
+            run(&Cli { common, ..Cli::from_arg_matches(matches).map_err(refuse)? })
+        }),
         Command::Inspect(args) => inspect::run(args, common),
         Command::Keygen(args) => keygen::run(args, common),
         Command::Lab(args) => lab::run(args, common),

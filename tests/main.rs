@@ -14,6 +14,7 @@ mod cli;
 mod detect;
 mod docs;
 mod evidence;
+mod farm;
 mod kernels;
 mod lab;
 mod media;

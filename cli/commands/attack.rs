@@ -10,6 +10,7 @@ use guard4d_engine::picture::distortion::{Distortion, DistortionChain};
 use crate::flags::common::Common;
 use crate::flags::film::FilmArgs;
 use crate::flags::frames::FrameArgs;
+use crate::shared::farm_job::{FarmJob, keep_in_records, out_and_input};
 use crate::shared::media::read_some;
 use crate::shared::{device, film};
 use crate::ui::outcome::Outcome;
@@ -37,6 +38,14 @@ pub(crate) struct AttackArgs {
     #[command(flatten)]
     film: FilmArgs,
 }
+
+pub(crate) const FARM: FarmJob = FarmJob {
+    command: "attack",
+    has_input: true,
+    arguments: out_and_input,
+    reserved: &["out", "overwrite"],
+    keep: keep_in_records,
+};
 
 pub(crate) fn run(args: &AttackArgs, common: &Common) -> Result<Outcome, EngineError> {
     stop::listen(common);

@@ -12,6 +12,7 @@ use guard4d_engine::scene::{Gaussians, Model};
 
 use crate::flags::common::Common;
 use crate::flags::overwrite::Overwrite;
+use crate::shared::farm_job::{FarmJob, keep_in_records, overwrite};
 use crate::shared::views::even_times;
 use crate::shared::{device, model};
 use crate::ui::outcome::Outcome;
@@ -38,6 +39,17 @@ pub(crate) struct ConvertArgs {
     #[command(flatten)]
     overwrite: Overwrite,
 }
+
+pub(crate) const FARM: FarmJob = FarmJob {
+    command: "convert",
+    has_input: true,
+    arguments: |row, attempt| {
+        let places = ["--".to_owned(), row.input.clone(), row.output.clone()];
+        overwrite(attempt).into_iter().chain(places).collect()
+    },
+    reserved: &["overwrite"],
+    keep: keep_in_records,
+};
 
 pub(crate) fn run(args: &ConvertArgs, common: &Common) -> Result<Outcome, EngineError> {
     let export = match args.moments {

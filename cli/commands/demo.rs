@@ -17,7 +17,6 @@ use guard4d_engine::evidence::extractor_mode::ExtractorMode;
 use guard4d_engine::media::Frame;
 use guard4d_engine::media::encode::{EncodeOptions, write_video};
 use guard4d_engine::media::png::write_png_folder;
-use guard4d_engine::networks::clip::ClipSource;
 use guard4d_engine::release::delivery::{self, Delivery, MARKED, PRIVATE, RECEIPT};
 use guard4d_engine::release::evaluate::{Evaluation, HeldOut, mean_accuracy, read_clips};
 use guard4d_engine::render::render_frames;
@@ -133,7 +132,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     let out = AtomicDir::create(&args.out, args.overwrite.existing())?;
     let device = device::open(common)?;
     note(common, &format!("device: {}", device.info().name));
-    let clip = device::load_clip(&device, &ClipSource::Mini, common)?;
+    let clip = device::load_clip(&device, "mini", common)?;
     let scene = DemoScene::unpack()?;
     let model = Model::open(scene.path())?;
     let config = config(args);

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use clap::Args;
 use guard4d_engine::error::EngineError;
-use guard4d_engine::networks::clip::ClipSource;
 use guard4d_engine::release::disclosure;
 
 use crate::flags::common::Common;
@@ -37,7 +36,7 @@ pub(crate) struct DiscloseArgs {
 
 pub(crate) fn run(args: &DiscloseArgs, common: &Common) -> Result<Outcome, EngineError> {
     let device = device::open(common)?;
-    let clip = device::load_clip(&device, &ClipSource::from_argument(&args.clip), common)?;
+    let clip = device::load_clip(&device, &args.clip, common)?;
     let owner = args.passphrase.key(&args.key, &clip)?;
     disclosure::write(&owner, &args.receipt, &args.out, args.overwrite.existing())?;
     let told = "whoever has it can read and remove the mark of this asset, and of no other";

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use clap::Args;
 use guard4d_engine::base::output::AtomicFile;
 use guard4d_engine::error::EngineError;
-use guard4d_engine::networks::clip::{ClipModel, ClipSource};
 use guard4d_engine::watermark::key::key_file::read_secret;
 use guard4d_engine::watermark::key::owner_key::{Key, KeyReport};
 
@@ -13,6 +12,7 @@ use crate::flags::common::Common;
 use crate::flags::overwrite::Overwrite;
 use crate::flags::passphrase::PassphraseArgs;
 use crate::shared::device;
+use crate::shared::farm_job::{FarmJob, keep_in_records, out_and_input};
 use crate::ui::outcome::Outcome;
 use crate::ui::report::{note, print, table};
 
@@ -39,13 +39,21 @@ pub(crate) struct KeygenArgs {
     overwrite: Overwrite,
 }
 
+pub(crate) const FARM: FarmJob = FarmJob {
+    command: "keygen",
+    has_input: false,
+    arguments: out_and_input,
+    reserved: &["out", "overwrite"],
+    keep: keep_in_records,
+};
+
 pub(crate) fn run(args: &KeygenArgs, common: &Common) -> Result<Outcome, EngineError> {
     let existing = args.overwrite.existing();
     // Half a minute of training must not end at a place that cannot be written.
     drop(AtomicFile::create(&args.out, existing)?);
     let passphrase = args.passphrase.read()?;
     let device = device::open(common)?;
-    let clip = ClipModel::load(&device, &ClipSource::from_argument(&args.clip))?;
+    let clip = device::load_clip(&device, &args.clip, common)?;
     let secret = read_secret(args.secret.as_ref())?;
     let (key, report) = Key::generate(&device, &clip, secret, args.bits)?;
     match passphrase {

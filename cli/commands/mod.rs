@@ -8,6 +8,7 @@ pub(crate) mod demo;
 pub(crate) mod devices;
 pub(crate) mod disclose;
 pub(crate) mod embed;
+pub(crate) mod farm;
 pub(crate) mod inspect;
 pub(crate) mod keygen;
 pub(crate) mod lab;

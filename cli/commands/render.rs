@@ -10,6 +10,7 @@ use guard4d_engine::render::SceneRenderer;
 use crate::flags::common::Common;
 use crate::flags::film::FilmArgs;
 use crate::flags::views::EvaluationViews;
+use crate::shared::farm_job::{FarmJob, keep_in_records, out_and_input};
 use crate::shared::views::cameras;
 use crate::shared::{device, film, model};
 use crate::ui::outcome::Outcome;
@@ -26,6 +27,14 @@ pub(crate) struct RenderArgs {
     #[command(flatten)]
     film: FilmArgs,
 }
+
+pub(crate) const FARM: FarmJob = FarmJob {
+    command: "render",
+    has_input: true,
+    arguments: out_and_input,
+    reserved: &["out", "overwrite"],
+    keep: keep_in_records,
+};
 
 pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<Outcome, EngineError> {
     stop::listen(common);

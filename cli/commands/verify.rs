@@ -6,13 +6,12 @@ use std::path::PathBuf;
 
 use clap::Args;
 use guard4d_engine::base::digest::Digest;
-use guard4d_engine::base::output::AtomicFile;
+use guard4d_engine::base::output::{AtomicFile, Existing};
 use guard4d_engine::detect::controls::OtherKey;
 use guard4d_engine::detect::request::{VerifyInputs, VerifyRequest};
 use guard4d_engine::detect::sought::Sought;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::media::ReadOptions;
-use guard4d_engine::networks::clip::ClipSource;
 use guard4d_engine::release::dating::standing::DateFiles;
 use guard4d_engine::release::receipt::Receipt;
 use guard4d_engine::render::render_frames;
@@ -25,6 +24,7 @@ use crate::flags::overwrite::Overwrite;
 use crate::flags::passphrase::PassphraseArgs;
 use crate::flags::trust::TrustArgs;
 use crate::flags::views::EvaluationViews;
+use crate::shared::farm_job::FarmJob;
 use crate::shared::media::read_some;
 use crate::shared::views::cameras;
 use crate::shared::{device, suspects};
@@ -121,12 +121,26 @@ pub(crate) struct VerifyArgs {
     overwrite: Overwrite,
 }
 
+pub(crate) const FARM: FarmJob = FarmJob {
+    command: "verify",
+    has_input: true,
+    arguments: |row, _| vec!["--".to_owned(), row.input.clone()],
+    reserved: &["overwrite"],
+    keep: |path, report| {
+        let text = serde_json::to_vec_pretty(&report).expect("it came as JSON");
+        AtomicFile::write(path, Existing::Replace, &text)?;
+        // The message is in the file alone.
+        let evidence = &report["evidence"];
+        Ok(serde_json::json!({ "verdict": evidence["verdict"], "p_value": evidence["p_value"] }))
+    },
+};
+
 pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineError> {
     stop::listen(common);
     // Whether it may be written is known before the films are read.
     let page = args.report.as_deref().map(|path| AtomicFile::create(path, args.overwrite.existing())).transpose()?;
     let device = device::open(common)?;
-    let clip = device::load_clip(&device, &ClipSource::from_argument(&args.clip), common)?;
+    let clip = device::load_clip(&device, &args.clip, common)?;
     let receipt = Receipt::read(&args.receipt)?;
     let key = receipt.body.promise.key_for(&args.passphrase.key(&args.key, &clip)?)?;
     let sought = args.message.as_ref().map(|text| Sought::parse(text, &key)).transpose()?;

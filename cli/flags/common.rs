@@ -1,11 +1,14 @@
 //! Flags of every command.
 
+use std::sync::Arc;
+
 use clap::Args;
 
 use super::device::DeviceFlags;
+use crate::shared::session::Session;
 
 /// Flags of every command.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Output")]
 pub(crate) struct Common {
     /// Print results as JSON on stdout
@@ -19,4 +22,7 @@ pub(crate) struct Common {
     pub(crate) quiet: bool,
     #[command(flatten)]
     pub(crate) device: DeviceFlags,
+    /// What this command has in common with others of one process.
+    #[arg(skip)]
+    pub(crate) session: Option<Arc<Session>>,
 }

@@ -6,7 +6,7 @@ use guard4d_engine::device::{DeviceSelect, FamilySelect};
 use guard4d_engine::networks::clip::Precision;
 
 /// Which device a command runs on, and how.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Device")]
 pub(crate) struct DeviceFlags {
     /// Vulkan device: auto, cpu, a number of `guard4d devices`, name:…, uuid:… or pci:…

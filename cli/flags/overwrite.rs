@@ -12,6 +12,10 @@ pub(crate) struct Overwrite {
 }
 
 impl Overwrite {
+    pub(crate) const fn is_asked(&self) -> bool {
+        self.overwrite
+    }
+
     pub(crate) const fn existing(&self) -> Existing {
         if self.overwrite { Existing::Replace } else { Existing::Refuse }
     }

@@ -1,5 +1,7 @@
 //! Opening the device that a command runs on, and CLIP on it.
 
+use std::sync::Arc;
+
 use guard4d_engine::device::{Device, DeviceOptions, DeviceSelect};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::networks::clip::{ClipModel, ClipSource};
@@ -9,6 +11,13 @@ use crate::flags::device::DeviceFlags;
 
 /// Opens the device that `--device` or, for `auto`, a scheduler names, with the memory budget that was given.
 pub(crate) fn open(common: &Common) -> Result<Device, EngineError> {
+    match &common.session {
+        Some(session) => session.device(|| open_anew(common)),
+        None => open_anew(common),
+    }
+}
+
+fn open_anew(common: &Common) -> Result<Device, EngineError> {
     let flags = &common.device;
     let options = DeviceOptions { kernels: flags.kernels, ..DeviceOptions::default() };
     let device = Device::open_with(&select(flags), options)?;
@@ -18,9 +27,16 @@ pub(crate) fn open(common: &Common) -> Result<Device, EngineError> {
     Ok(device)
 }
 
-/// Loads a checkpoint in the precision that was asked for.
-pub(crate) fn load_clip(device: &Device, source: &ClipSource, common: &Common) -> Result<ClipModel, EngineError> {
-    Ok(ClipModel::load(device, source)?.in_precision(common.device.precision))
+/// Loads a checkpoint, `mini` or a folder, in the precision that was asked for.
+pub(crate) fn load_clip(device: &Device, source: &str, common: &Common) -> Result<Arc<ClipModel>, EngineError> {
+    let load = || {
+        let clip = ClipModel::load(device, &ClipSource::from_argument(source))?;
+        Ok(clip.in_precision(common.device.precision))
+    };
+    match &common.session {
+        Some(session) => session.clip(source, load),
+        None => Ok(Arc::new(load()?)),
+    }
 }
 
 /// The one that `--device` or, for `auto`, a scheduler names.

@@ -17,6 +17,10 @@ pub(crate) fn print<T: Serialize>(
     value: &T,
     human: impl FnOnce(&T) -> String,
 ) -> Result<(), EngineError> {
+    if let Some(session) = &common.session {
+        session.keep_result(serde_json::to_value(value).expect("report types hold nothing that JSON cannot"));
+        return Ok(());
+    }
     let text = if common.json {
         serde_json::to_string_pretty(value).expect("report types hold nothing that JSON cannot")
     } else {

@@ -8,9 +8,14 @@ use super::report::say;
 use crate::flags::common::Common;
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
+/// Whether somebody listens already.
+static IS_HEARD: AtomicBool = AtomicBool::new(false);
 
 /// From now on a signal is a request instead of the end.
 pub(crate) fn listen(common: &Common) {
+    if IS_HEARD.swap(true, Ordering::SeqCst) {
+        return;
+    }
     let quiet = common.quiet;
     let handler = move || {
         if !REQUESTED.swap(true, Ordering::SeqCst) && !quiet {

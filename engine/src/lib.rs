@@ -1,7 +1,7 @@
 //! Scenes, rendering, CLIP, marks and evidence of guard4d.
 //!
 //! The rooms stand in one order, and each imports only those before it: `error`, `device`, `base`, `scene`, `media`,
-//! `render`, `networks`, `picture`, `evidence`, `watermark`, `release`, `detect`.
+//! `render`, `networks`, `picture`, `evidence`, `watermark`, `release`, `detect`, `farm`.
 #![forbid(unsafe_code)]
 
 pub mod base;
@@ -9,6 +9,7 @@ pub mod detect;
 pub mod device;
 pub mod error;
 pub mod evidence;
+pub mod farm;
 pub mod media;
 pub mod networks;
 pub mod picture;

@@ -78,7 +78,7 @@ impl Small {
 }
 
 /// Every file below `root` with its bytes; receipts without what was measured of the run itself.
-fn contents(root: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+pub(super) fn contents(root: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let read = |path: PathBuf| {
         let mut bytes = fs::read(root.join(&path)).expect("readable");
         if path.ends_with("receipt.json") {

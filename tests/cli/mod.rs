@@ -11,6 +11,7 @@ mod disclose;
 mod dump;
 mod edits;
 mod embed;
+mod farm;
 mod films;
 mod forgery;
 mod ids;

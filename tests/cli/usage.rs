@@ -80,6 +80,7 @@ fn help_shows_what_users_need_in_narrow_lines() {
         "render",
         "attack",
         "convert",
+        "farm",
         "inspect",
         "devices",
         "completions",

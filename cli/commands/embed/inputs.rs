@@ -1,13 +1,14 @@
 //! What the command line of `embed` names, opened and checked.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use guard4d_engine::device::Device;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::evidence::id_code::IdBits;
 use guard4d_engine::evidence::message::Message;
 use guard4d_engine::evidence::payload::Payload;
-use guard4d_engine::networks::clip::{ClipModel, ClipSource};
+use guard4d_engine::networks::clip::ClipModel;
 use guard4d_engine::release::delivery;
 use guard4d_engine::release::gate::Gate;
 use guard4d_engine::scene::{CameraSet, Model};
@@ -25,7 +26,7 @@ use crate::shared::{device, model};
 /// Everything that work begins with.
 pub(super) struct Inputs {
     pub(super) device: Device,
-    pub(super) clip: ClipModel,
+    pub(super) clip: Arc<ClipModel>,
     pub(super) key: Key,
     pub(super) model: Model,
     pub(super) message: Message,
@@ -45,7 +46,7 @@ impl Inputs {
         common: &Common,
     ) -> Result<Self, EngineError> {
         let device = device::open(common)?;
-        let clip = device::load_clip(&device, &ClipSource::from_argument(&what.clip), common)?;
+        let clip = device::load_clip(&device, &what.clip, common)?;
         let owner = passphrase::key(what.passphrase_file.as_deref(), key, &clip)?;
         let bits = u32::try_from(owner.bits()).unwrap_or(u32::MAX);
         let payload = Payload::parse(&what.message, bits)?;

@@ -1,6 +1,7 @@
 //! `guard4d embed`
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::time::Duration;
 
 use bytesize::ByteSize;
@@ -20,6 +21,7 @@ use super::inputs::Inputs;
 use super::settings::Settings;
 use super::training::{Checkpoints, train};
 use crate::flags::common::Common;
+use crate::shared::farm_job::{FarmJob, keep_in_records, out_and_input};
 use crate::ui::outcome::Outcome;
 use crate::ui::report::{Row, cost_rows, evidence_in_words, percent, print, print_text, reading_rows, say, table};
 use crate::ui::stop;
@@ -41,6 +43,19 @@ struct Printed<'a> {
     /// Most of it that was in use at one time; the rest lay idle in blocks.
     peak_used_bytes: u64,
 }
+
+pub(crate) const FARM: FarmJob = FarmJob {
+    command: "embed",
+    has_input: true,
+    arguments: |row, attempt| {
+        // Of the same row with the same settings.
+        let goes_on = attempt.goes_on && checkpoint::path_beside(Path::new(&row.output)).exists();
+        let resume = goes_on.then(|| "--resume".to_owned());
+        resume.into_iter().chain(out_and_input(row, attempt)).collect()
+    },
+    reserved: &["dry-run", "out", "overwrite", "resume", "show-config"],
+    keep: keep_in_records,
+};
 
 pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineError> {
     let EmbedArgs { model, what, given, resources } = args;

@@ -23,6 +23,16 @@ const CONTEXT: &str = "guard4d 2026 master secret to prf key, version 1";
 /// they are dropped.
 pub struct MasterSecret(SecretBox<[u8; 32]>);
 
+/// Fills bytes from the operating system's random source.
+///
+/// # Errors
+/// [`EngineError::Program`] if the system has no working random source.
+pub fn fill_unpredictably(bytes: &mut [u8]) -> Result<(), EngineError> {
+    SysRng
+        .try_fill_bytes(bytes)
+        .map_err(|error| EngineError::Program { program: "system random source".to_owned(), reason: error.to_string() })
+}
+
 impl MasterSecret {
     /// Wraps 32 secret bytes, for instance those of a key file.
     #[must_use]
@@ -36,10 +46,7 @@ impl MasterSecret {
     /// [`EngineError::Program`] if the system has no working random source.
     pub fn generate() -> Result<Self, EngineError> {
         let mut bytes = Zeroizing::new([0; 32]);
-        SysRng.try_fill_bytes(&mut *bytes).map_err(|error| EngineError::Program {
-            program: "system random source".to_owned(),
-            reason: error.to_string(),
-        })?;
+        fill_unpredictably(&mut *bytes)?;
         Ok(Self::from_bytes(*bytes))
     }
 

@@ -4,8 +4,6 @@ use std::path::Path;
 
 use der::asn1::{Int, Null, ObjectIdentifier, OctetString};
 use der::{Any, Decode as _, Encode as _, Sequence};
-use rand::TryRng;
-use rand::rngs::SysRng;
 use x509_cert::ext::Extension;
 use x509_cert::spki::AlgorithmIdentifierOwned;
 
@@ -15,6 +13,7 @@ use super::tst_info::MessageImprint;
 use crate::base::digest::Digest;
 use crate::base::files::{bad_data, read_file};
 use crate::base::output::{AtomicFile, Existing};
+use crate::base::prf::fill_unpredictably;
 use crate::error::EngineError;
 
 const SHA_256: ObjectIdentifier = ObjectIdentifier::new_unwrap("2.16.840.1.101.3.4.2.1");
@@ -50,10 +49,7 @@ impl Request {
     /// [`EngineError::Program`] if the system has no working random source.
     pub fn new(digest: &Digest) -> Result<Self, EngineError> {
         let mut nonce = [0; NONCE_BYTES];
-        SysRng.try_fill_bytes(&mut nonce).map_err(|error| EngineError::Program {
-            program: "system random source".to_owned(),
-            reason: error.to_string(),
-        })?;
+        fill_unpredictably(&mut nonce)?;
         // A first byte of 0x40 to 0x7f: positive, and as long as it can be.
         nonce[0] = nonce[0] & 0x3f | 0x40;
         let asked = TimeStampReq {

@@ -1,0 +1,8 @@
+//! `guard4d farm`
+
+pub(crate) mod actions;
+mod init;
+mod job;
+mod plan;
+mod run;
+mod status;

@@ -1,0 +1,162 @@
+//! `guard4d farm run`
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::{Args, Command};
+use guard4d_engine::error::EngineError;
+use guard4d_engine::farm::manifest::{Manifest, Row};
+use guard4d_engine::farm::runner::{Attempt, Ended, Event, Jobs, Policy, Summary, Worker};
+use guard4d_engine::farm::selection::{RowNumbers, Selection, Shard};
+use serde::Serialize;
+
+use super::job::{CommandLine, Dispatch};
+use crate::flags::common::Common;
+use crate::flags::overwrite::Overwrite;
+use crate::shared::session::Session;
+use crate::ui::outcome::Outcome;
+use crate::ui::progress::bar;
+use crate::ui::report::{print, say, table};
+use crate::ui::stop;
+
+/// Which rows are done, and what happens when some fail.
+#[derive(Args, Debug)]
+pub(super) struct RunArgs {
+    /// Manifest: .csv or .jsonl
+    manifest: PathBuf,
+    /// Share of the rows that this worker takes: I/N, or auto for a task of a Slurm or SGE array
+    ///
+    /// Which rows that are depends on the manifest alone. A row stays with the one that makes its input.
+    #[arg(long, value_name = "I/N")]
+    shard: Option<String>,
+    /// Rows by number from 0, such as 0,3,5-9 or 0-99:4
+    #[arg(long, value_name = "LIST")]
+    rows: Option<RowNumbers>,
+    /// Rows by id
+    #[arg(long, value_name = "ID", value_delimiter = ',')]
+    ids: Vec<String>,
+    /// Try rows again that failed
+    #[arg(long)]
+    retry_failed: bool,
+    /// Begin no other row once one has failed
+    #[arg(long, conflicts_with = "max_failures")]
+    fail_fast: bool,
+    /// Begin no other row once as many have failed
+    #[arg(long, value_name = "N")]
+    max_failures: Option<usize>,
+    #[command(flatten)]
+    overwrite: Overwrite,
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Printed {
+    done: usize,
+    already: usize,
+    failed: BTreeMap<String, String>,
+    elsewhere: usize,
+    left: usize,
+}
+
+pub(super) fn run(
+    args: &RunArgs,
+    common: &Common,
+    command: Command,
+    dispatch: Dispatch<'_>,
+) -> Result<Outcome, EngineError> {
+    let io = |source| EngineError::Io { path: args.manifest.clone(), source };
+    let mut command = CommandLine::new(command);
+    // Tells a manifest that is not there in the words of one that cannot be read.
+    Manifest::open(&args.manifest)?;
+    let manifest = Manifest::open(&std::path::absolute(&args.manifest).map_err(io)?)?;
+    for row in manifest.rows() {
+        command.parse(manifest.path(), row, Attempt { number: 1, replaces: false, goes_on: false })?;
+    }
+    let shard = args.shard.as_deref().map(|text| match text {
+        "auto" => Shard::of_array(|variable| std::env::var(variable).ok()),
+        text => text.parse(),
+    });
+    let selection = Selection { numbers: args.rows.clone(), ids: args.ids.clone(), shard: shard.transpose()? };
+    let places = selection.places(&manifest)?;
+    stop::listen(common);
+    // Paths of rows are relative to the manifest, whichever flag they stand behind.
+    std::env::set_current_dir(manifest.folder()).map_err(io)?;
+    let progress = bar(common, places.len() as u64);
+    let session = Arc::new(Session::default());
+    let shared = Common { quiet: common.verbose == 0, session: Some(Arc::clone(&session)), ..common.clone() };
+    let mut jobs = Commands { manifest: manifest.path(), command, shared, session, dispatch };
+    let policy = Policy {
+        retry_failed: args.retry_failed,
+        replace: args.overwrite.is_asked(),
+        max_failures: if args.fail_fast { Some(1) } else { args.max_failures },
+    };
+    let mut watch = |event: Event<'_>| match event {
+        Event::Begins(row) => progress.set_message(row.id.clone()),
+        Event::Ends(row, record) => {
+            progress.inc(1);
+            if let Some(error) = &record.error {
+                progress.suspend(|| say(&format!("{}: {error}", row.id)));
+            }
+        }
+    };
+    let summary = Worker::new(&manifest, policy, &mut jobs, &mut watch)?.run(&places)?;
+    progress.finish_and_clear();
+    let outcome = outcome(&summary);
+    let Summary { done, already, failed, elsewhere, left, .. } = summary;
+    let printed = Printed { done, already, failed: failed.into_iter().collect(), elsewhere, left };
+    print(common, &printed, human)?;
+    outcome
+}
+
+fn outcome(summary: &Summary) -> Result<Outcome, EngineError> {
+    match summary {
+        Summary { is_interrupted: true, .. } => Ok(Outcome::RowsLeft),
+        Summary { failed, .. } if !failed.is_empty() => Ok(Outcome::RowsFailed),
+        _ => Ok(Outcome::Done),
+    }
+}
+
+fn human(printed: &Printed) -> String {
+    let Printed { done, already, failed, elsewhere, left } = printed;
+    table(&[
+        ("done", done.to_string()),
+        ("done before", already.to_string()),
+        ("failed", failed.len().to_string()),
+        ("done by other workers", elsewhere.to_string()),
+        ("left", left.to_string()),
+    ])
+}
+
+/// Does rows by the commands of this program, in this process.
+struct Commands<'a> {
+    manifest: &'a Path,
+    command: CommandLine,
+    /// What all rows have in common.
+    shared: Common,
+    session: Arc<Session>,
+    dispatch: Dispatch<'a>,
+}
+
+impl Jobs for Commands<'_> {
+    fn run(&mut self, row: &Row, attempt: Attempt) -> Result<Ended, EngineError> {
+        let (job, matches) = self.command.parse(self.manifest, row, attempt)?;
+        let outcome = (self.dispatch)(&matches, self.shared.clone())?;
+        let printed = self.session.take_result().unwrap_or_default();
+        let result = (job.keep)(Path::new(&row.output), printed)?;
+        let shortfall = (outcome == Outcome::GateMissed).then(|| "the quality gate was missed".to_owned());
+        Ok(Ended { exit_code: outcome.exit_code(), shortfall, result })
+    }
+
+    fn notes(&self, row: &Row) -> BTreeMap<String, String> {
+        self.command.unknown(row)
+    }
+
+    fn forget_device(&mut self) {
+        self.session.forget_device();
+    }
+
+    fn is_stopped(&self) -> bool {
+        stop::is_requested()
+    }
+}

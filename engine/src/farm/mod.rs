@@ -1,0 +1,11 @@
+//! Many assets on many machines: which row is whose, what is done, and what came of it.
+//!
+//! Nothing here knows what a job does: the command line gives a [`runner::Jobs`] that does it.
+
+pub mod claim;
+pub mod contents;
+pub mod journal;
+pub mod manifest;
+pub mod runner;
+pub mod selection;
+pub mod status;

@@ -1,0 +1,347 @@
+//! Doing rows, one after the other, in one process.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use guard4d_kernels::KernelError;
+use serde_json::Value;
+
+use super::claim::{BEAT, Claims};
+use super::contents::Contents;
+use super::journal::{Journal, Record, State};
+use super::manifest::{Manifest, Row};
+use crate::base::digest::Digest;
+use crate::base::prf::fill_unpredictably;
+use crate::error::EngineError;
+
+/// How long to wait for other workers before looking again.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// What does the rows' jobs.
+pub trait Jobs {
+    /// Does a row.
+    ///
+    /// # Errors
+    /// What made it fail; [`EngineError::Interrupted`] and [`EngineError::Stopped`] when it was asked to stop.
+    fn run(&mut self, row: &Row, attempt: Attempt) -> Result<Ended, EngineError>;
+
+    /// Columns of a row that its job does not know.
+    fn notes(&self, row: &Row) -> BTreeMap<String, String>;
+
+    /// Forgets a device that was lost, so that the next row opens it anew.
+    fn forget_device(&mut self);
+
+    /// Whether the process was asked to stop.
+    fn is_stopped(&self) -> bool;
+}
+
+/// What an attempt may build on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Attempt {
+    /// From 1.
+    pub number: u32,
+    /// The output may be replaced: an earlier attempt at this row left it, or it was asked for.
+    pub replaces: bool,
+    /// The attempt before was at the same, and broke off: what it left to go on from fits.
+    pub goes_on: bool,
+}
+
+/// How a row ended without an error.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ended {
+    /// As if it were a command of its own.
+    pub exit_code: u8,
+    /// Why the result is not good enough, if it is not.
+    pub shortfall: Option<String>,
+    /// What the command prints with `--json`.
+    pub result: Value,
+}
+
+/// What is done about rows that are not new.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Policy {
+    /// Rows that failed are tried again.
+    pub retry_failed: bool,
+    /// Outputs that no row of this manifest made may be replaced.
+    pub replace: bool,
+    /// After as many failures no other row is begun.
+    pub max_failures: Option<usize>,
+}
+
+/// What a worker achieved.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Summary {
+    /// Rows that it did.
+    pub done: usize,
+    /// Rows that were done before.
+    pub already: usize,
+    /// Rows that failed, now or before, with their causes.
+    pub failed: Vec<(String, String)>,
+    /// Rows that another worker does.
+    pub elsewhere: usize,
+    /// Rows that were not begun, because it was asked to stop or too many had failed.
+    pub left: usize,
+    /// Whether it was asked to stop.
+    pub is_interrupted: bool,
+}
+
+/// What happened to a row, for whoever watches.
+#[derive(Clone, Copy, Debug)]
+pub enum Event<'a> {
+    /// It is begun.
+    Begins(&'a Row),
+    /// It ended as this record says.
+    Ends(&'a Row, &'a Record),
+}
+
+/// One process that does rows.
+pub struct Worker<'a> {
+    manifest: &'a Manifest,
+    policy: Policy,
+    journal: Journal,
+    claims: Arc<Claims>,
+    name: String,
+    jobs: &'a mut dyn Jobs,
+    watch: &'a mut dyn FnMut(Event<'_>),
+    /// Rows that are known to be done.
+    done: HashSet<usize>,
+    /// Rows that failed while this worker was there, and why.
+    failed: HashMap<usize, String>,
+}
+
+/// What one look at a row came to.
+enum Looked {
+    Did,
+    Already,
+    Failed(String),
+    Elsewhere,
+    /// What it needs is not there yet.
+    Waits,
+    Stopped,
+}
+
+impl<'a> Worker<'a> {
+    /// Opens the records of a manifest.
+    ///
+    /// # Errors
+    /// Those of [`Journal::open`] and [`Claims::open`].
+    pub fn new(
+        manifest: &'a Manifest,
+        policy: Policy,
+        jobs: &'a mut dyn Jobs,
+        watch: &'a mut dyn FnMut(Event<'_>),
+    ) -> Result<Self, EngineError> {
+        let (state, name) = (manifest.state(), worker_name()?);
+        let claims = Claims::open(&state.join("claims"), &name, BEAT)?;
+        let journal = Journal::open(&state, &name)?;
+        Ok(Self { manifest, policy, journal, claims, name, jobs, watch, done: HashSet::new(), failed: HashMap::new() })
+    }
+
+    /// Does these rows, which stand behind all that they need.
+    ///
+    /// # Errors
+    /// [`EngineError::Io`] and the like about the records. What fails in a row is part of the summary.
+    pub fn run(&mut self, places: &[usize]) -> Result<Summary, EngineError> {
+        let needed: HashSet<usize> =
+            places.iter().flat_map(|place| self.manifest.rows()[*place].needs.clone()).collect();
+        let mut summary = Summary::default();
+        let mut left = places.to_vec();
+        loop {
+            let mut again = Vec::new();
+            for (nth, &place) in left.iter().enumerate() {
+                let is_enough = self.policy.max_failures.is_some_and(|most| summary.failed.len() >= most);
+                if self.jobs.is_stopped() || is_enough {
+                    summary.is_interrupted = self.jobs.is_stopped();
+                    summary.left = left.len() - nth + again.len();
+                    return Ok(summary);
+                }
+                match self.look(place)? {
+                    Looked::Did => summary.done += 1,
+                    Looked::Already => summary.already += 1,
+                    Looked::Failed(why) => summary.failed.push((self.manifest.rows()[place].id.clone(), why)),
+                    Looked::Elsewhere if !needed.contains(&place) => summary.elsewhere += 1,
+                    // What is needed is looked at again: its worker may fall silent.
+                    Looked::Elsewhere | Looked::Waits => again.push(place),
+                    Looked::Stopped => {
+                        summary.is_interrupted = true;
+                        summary.left = left.len() - nth + again.len();
+                        return Ok(summary);
+                    }
+                }
+            }
+            if again.is_empty() {
+                return Ok(summary);
+            }
+            if again.len() == left.len() {
+                std::thread::sleep(PATIENCE);
+            }
+            self.journal.refresh()?;
+            left = again;
+        }
+    }
+
+    /// Does a row, unless it is done, waits, or is another's.
+    fn look(&mut self, place: usize) -> Result<Looked, EngineError> {
+        let row = &self.manifest.rows()[place];
+        if self.is_done(place)? {
+            return Ok(Looked::Already);
+        }
+        if let Some(why) = self.failure(place) {
+            return Ok(Looked::Failed(why));
+        }
+        for &need in &row.needs {
+            if self.failure(need).is_some() {
+                let why = format!("it needs `{}`, which failed", self.manifest.rows()[need].id);
+                self.failed.insert(place, why.clone());
+                return Ok(Looked::Failed(why));
+            }
+            if !self.is_done(need)? {
+                return Ok(Looked::Waits);
+            }
+        }
+        let Some(claim) = self.claims.take(&row.id)? else { return Ok(Looked::Elsewhere) };
+        // Who had it before may have done it.
+        self.journal.refresh()?;
+        let looked = if self.is_done(place)? { Ok(Looked::Already) } else { self.attempt(place) };
+        drop(claim);
+        looked
+    }
+
+    /// Why a row failed that is not to be tried again.
+    fn failure(&self, place: usize) -> Option<String> {
+        if let Some(why) = self.failed.get(&place) {
+            return Some(why.clone());
+        }
+        let row = &self.manifest.rows()[place];
+        let last = self.journal.last(&row.id).filter(|_| !self.policy.retry_failed)?;
+        let holds = last.state == State::Failed && last.settings == row.settings_hash();
+        holds.then(|| last.error.clone().unwrap_or_default())
+    }
+
+    /// Whether a row is done: of the same settings and input, with all that it made still there.
+    fn is_done(&mut self, place: usize) -> Result<bool, EngineError> {
+        if self.done.contains(&place) {
+            return Ok(true);
+        }
+        let row = &self.manifest.rows()[place];
+        let Some(last) = self.journal.last(&row.id) else { return Ok(false) };
+        if last.state != State::Done || last.settings != row.settings_hash() || last.input != self.input(row).ok() {
+            return Ok(false);
+        }
+        let is_whole = Contents::of(&self.at(&row.output)).is_ok_and(|outputs| outputs == last.outputs);
+        if is_whole {
+            self.done.insert(place);
+        }
+        Ok(is_whole)
+    }
+
+    /// Does a row, and writes down what became of it.
+    fn attempt(&mut self, place: usize) -> Result<Looked, EngineError> {
+        let row = &self.manifest.rows()[place];
+        let settings = row.settings_hash();
+        let known = self.journal.last(&row.id);
+        let number = known.map_or(0, |last| last.attempt) + 1;
+        // What an attempt at other settings made was made by this row all the same.
+        let is_ours = known.is_some();
+        let goes_on = known
+            .is_some_and(|last| last.settings == settings && matches!(last.state, State::Running | State::Interrupted));
+        let mut record = Record::begun(&row.id, &row.job, number, settings, &self.name);
+        record.notes = self.jobs.notes(row);
+        let output = self.at(&row.output);
+        let ended = if output.exists() && !is_ours && !self.policy.replace {
+            let reason = "it exists, and no row of this manifest made it; --overwrite replaces it".to_owned();
+            Err(EngineError::CannotCreate { path: output.clone(), reason })
+        } else {
+            self.journal.add(record.clone())?;
+            (self.watch)(Event::Begins(row));
+            let started = Instant::now();
+            let ended = self.run_twice(row, Attempt { number, replaces: is_ours || self.policy.replace, goes_on });
+            record.seconds = started.elapsed().as_secs_f64();
+            ended
+        };
+        self.settle(place, record, ended)
+    }
+
+    /// Does a row; once more on a fresh device where the device was lost.
+    fn run_twice(&mut self, row: &Row, attempt: Attempt) -> Result<Ended, EngineError> {
+        match self.jobs.run(row, attempt) {
+            Err(EngineError::Kernel(KernelError::DeviceLost { .. })) => {
+                self.jobs.forget_device();
+                self.jobs.run(row, attempt)
+            }
+            ended => ended,
+        }
+    }
+
+    /// Writes down how a row ended.
+    fn settle(
+        &mut self,
+        place: usize,
+        mut record: Record,
+        ended: Result<Ended, EngineError>,
+    ) -> Result<Looked, EngineError> {
+        let row = &self.manifest.rows()[place];
+        record.input = self.input(row).ok();
+        let looked = match ended {
+            Ok(Ended { exit_code, shortfall, result }) => {
+                record.outputs = Contents::of(&self.at(&row.output))?;
+                (record.exit_code, record.result) = (Some(exit_code), result);
+                match shortfall {
+                    None => Looked::Did,
+                    Some(why) => Looked::Failed(why),
+                }
+            }
+            Err(error @ (EngineError::Interrupted { .. } | EngineError::Stopped)) => {
+                record.exit_code = Some(error.exit_code());
+                Looked::Stopped
+            }
+            Err(error) => {
+                record.exit_code = Some(error.exit_code());
+                if matches!(error, EngineError::Kernel(KernelError::DeviceLost { .. })) {
+                    self.jobs.forget_device();
+                }
+                Looked::Failed(error.to_string())
+            }
+        };
+        record.state = match &looked {
+            Looked::Did => State::Done,
+            Looked::Stopped => State::Interrupted,
+            _ => State::Failed,
+        };
+        if let Looked::Failed(why) = &looked {
+            record.error = Some(why.clone());
+            self.failed.insert(place, why.clone());
+        } else if record.state == State::Done {
+            self.done.insert(place);
+        }
+        self.journal.add(record.clone())?;
+        (self.watch)(Event::Ends(row, &record));
+        Ok(looked)
+    }
+
+    /// What the input of a row holds; one hash of nothing for a row without one.
+    fn input(&self, row: &Row) -> Result<Digest, EngineError> {
+        match row.input.as_str() {
+            "" => Ok(Digest::of(b"")),
+            input => Ok(Contents::of(&self.at(input))?.digest()),
+        }
+    }
+
+    /// Where a path of a row is.
+    fn at(&self, path: &str) -> PathBuf {
+        self.manifest.folder().join(path)
+    }
+}
+
+/// A name that no other process has: host, process, and a random number, because containers share both.
+fn worker_name() -> Result<String, EngineError> {
+    let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let host: String =
+        host.trim().chars().map(|c| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' }).collect();
+    let host = if host.is_empty() { "host".to_owned() } else { host };
+    let mut bytes = [0; 4];
+    fill_unpredictably(&mut bytes)?;
+    Ok(format!("{host}-{}-{:08x}", std::process::id(), u32::from_le_bytes(bytes)))
+}

@@ -1,0 +1,188 @@
+//! `guard4d farm`: many jobs by one program.
+
+use std::fs;
+
+use guard4d_engine::networks::clip::{ClipModel, ClipSource};
+use guard4d_engine::scene::ply;
+use serde_json::Value;
+use tempfile::TempDir;
+
+use super::embed::contents;
+use super::{Run, guard4d, names, put, scratch};
+use crate::support::fixture::gaussians;
+use crate::support::gpu::device;
+use crate::support::owner::key_file;
+
+/// No device has this name, so that what opens none is seen.
+const NO_DEVICE: [&str; 2] = ["--device", "name:none-of-this-name"];
+
+/// A folder with three models and a manifest.
+fn farm(manifest: &str) -> TempDir {
+    let folder = scratch();
+    for seed in 0..3 {
+        let model = ply::encode(&gaussians(30, 1, 7 + seed));
+        put(folder.path(), &format!("m{seed}.ply"), &model);
+    }
+    put(folder.path(), "jobs.csv", manifest.as_bytes());
+    folder
+}
+
+/// `guard4d farm ACTION jobs.csv …` from another folder than the manifest's.
+fn act(folder: &TempDir, action: &str, more: &[&str]) -> Run {
+    let manifest = folder.path().join("jobs.csv");
+    let mut words: Vec<&dyn AsRef<std::ffi::OsStr>> = vec![&"farm", &action, &manifest];
+    words.extend(NO_DEVICE.iter().chain(more).map(|word| word as &dyn AsRef<std::ffi::OsStr>));
+    guard4d(&words)
+}
+
+fn json(run: &Run) -> Value {
+    serde_json::from_str(&run.stdout).expect("JSON on stdout")
+}
+
+#[test]
+fn rows_are_done_once_and_give_what_commands_give() {
+    let folder = farm("id,job,input,output,shot\na,convert,m0.ply,out/a.glb,7\nb,convert,m1.ply,out/b.glb,8\n");
+    let plan = act(&folder, "plan", &["--json", "--shards", "2"]);
+    plan.done();
+    let plan = json(&plan);
+    assert_eq!((&plan["rows"], &plan["jobs"]["convert"], &plan["notes"]), (&2.into(), &2.into(), &vec!["shot"].into()));
+    assert_eq!(names(folder.path()), ["jobs.csv", "m0.ply", "m1.ply", "m2.ply"], "a plan writes nothing");
+    let run = act(&folder, "run", &["--json"]);
+    run.done();
+    assert_eq!((&json(&run)["done"], &json(&run)["failed"]), (&2.into(), &Value::Object(Default::default())));
+    let (alone, model) = (folder.path().join("alone.glb"), folder.path().join("m0.ply"));
+    guard4d(&[&"convert", &model, &alone]).done();
+    assert_eq!(fs::read(folder.path().join("out/a.glb")).expect("made"), fs::read(alone).expect("made"), "the bytes");
+    let again = act(&folder, "run", &["--json"]);
+    again.done();
+    assert_eq!((&json(&again)["done"], &json(&again)["already"]), (&0.into(), &2.into()));
+    let status = act(&folder, "status", &["--json"]);
+    status.done();
+    assert_eq!((&json(&status)["done"], &json(&status)["rows"]), (&2.into(), &2.into()));
+    let records =
+        fs::read_dir(folder.path().join("jobs.farm")).expect("made").map(|entry| entry.expect("readable").path());
+    let texts = records.filter(|path| path.is_file()).map(|path| fs::read_to_string(path).expect("readable"));
+    assert!(texts.collect::<String>().contains(r#""notes":{"shot":"7"}"#), "columns that are no flags are kept");
+}
+
+#[test]
+fn a_bad_row_fails_alone() {
+    let folder = farm(
+        "id,job,input,output\na,convert,m0.ply,a.glb\nnone,convert,none.ply,b.glb\n\
+         text,convert,jobs.csv,c.glb\nd,convert,m2.ply,d.glb\n",
+    );
+    let run = act(&folder, "run", &["--json"]);
+    assert_eq!(run.code, 3, "{}", run.stderr);
+    let printed = json(&run);
+    assert_eq!((&printed["done"], printed["failed"].as_object().map(serde_json::Map::len)), (&2.into(), Some(2)));
+    assert!(printed["failed"]["none"].as_str().expect("a cause").contains("none.ply: not found"), "{printed}");
+    let status = act(&folder, "status", &["--json"]);
+    assert_eq!(status.code, 3, "{}", status.stderr);
+    let failures = &json(&status)["failures"];
+    assert_eq!((&failures["66"][0]["id"], &failures["65"][0]["id"]), (&"none".into(), &"text".into()));
+    // Mended, and tried again.
+    fs::copy(folder.path().join("m1.ply"), folder.path().join("none.ply")).expect("writable");
+    let retried = act(&folder, "run", &["--retry-failed", "--json"]);
+    assert_eq!((retried.code, &json(&retried)["done"]), (3, &1.into()), "{}", retried.stderr);
+    assert_eq!(act(&folder, "run", &["--fail-fast", "--ids", "a,d"]).code, 0, "the others are done");
+}
+
+#[test]
+fn mistakes_are_found_before_the_work() {
+    let refused = |manifest: &str, words: &[&str]| {
+        let folder = farm(manifest);
+        for action in ["plan", "run"] {
+            act(&folder, action, &[]).refused(65, words);
+        }
+        assert!(!folder.path().join("jobs.farm").exists(), "nothing was begun");
+    };
+    refused("id,job,input,output\na,melt,m0.ply,a\n", &["line 2: job", "`melt`", "keygen, embed"]);
+    refused("id,job,input,output\na,convert,,a.glb\n", &["line 2: input", "nothing"]);
+    refused("id,job,input,output,time\na,convert,m0.ply,a.glb,noon\n", &["line 2", "noon", "guard4d convert"]);
+    refused("id,job,input,output,lossy\na,convert,m0.ply,a.spz,maybe\n", &["line 2: lossy", "true or false"]);
+    refused("id,job,input,output,overwrite\na,convert,m0.ply,a.glb,true\n", &["line 2: overwrite", "the farm sets"]);
+    refused("id,job,input,output,device\na,convert,m0.ply,a.glb,cpu\n", &["line 2: device", "the farm sets"]);
+    let folder = farm("id,job,input,output\na,convert,m0.ply,a.glb\n");
+    act(&folder, "run", &["--shard", "3/2"]).refused(2, &["shard", "I from 1 to N"]);
+    act(&folder, "run", &["--shard", "auto"]).refused(2, &["auto", "Slurm"]);
+    act(&folder, "run", &["--rows", "0-1"]).refused(2, &["rows", "below 1"]);
+    act(&folder, "run", &["--ids", "z"]).refused(2, &["ids", "`z`"]);
+    guard4d(&[&"farm", &"run", &folder.path().join("none.csv")]).refused(66, &["none.csv", "a manifest"]);
+    guard4d(&[&"farm"]).refused(2, &["init", "plan", "run", "status"]);
+}
+
+#[test]
+fn shards_do_all_rows_between_them_and_switches_are_columns() {
+    let folder = farm(
+        "id,job,input,output,lossy,moments\na,convert,m0.ply,a.spz,true,\n\
+         b,convert,m1.ply,b,false,2\nc,convert,m2.ply,c.glb,,\n",
+    );
+    for (shard, done) in [("1/2", 2), ("2/2", 1)] {
+        let run = act(&folder, "run", &["--shard", shard, "--json"]);
+        run.done();
+        assert_eq!(json(&run)["done"], done, "shard {shard}");
+    }
+    assert_eq!(names(&folder.path().join("b")), ["00000.ply", "00001.ply"]);
+    assert!(["a.spz", "c.glb"].iter().all(|name| folder.path().join(name).exists()), "all are made");
+}
+
+#[test]
+fn a_manifest_of_a_folder_can_be_run_as_it_is() {
+    let folder = farm("");
+    fs::remove_file(folder.path().join("jobs.csv")).expect("there");
+    put(folder.path(), "notes.txt", b"no model");
+    let init = guard4d(&[&"farm", &"init", &folder.path()]);
+    init.done();
+    guard4d(&[&"farm", &"init", &folder.path()]).refused(73, &["farm.csv", "exists"]);
+    let path = folder.path().join("farm.csv");
+    let text = fs::read_to_string(&path).expect("made");
+    assert!(text.contains("m0.ply,embed,m0.ply,marked/m0.ply,"), "{text}");
+    assert!(!text.contains("notes.txt"), "{text}");
+    let plan = guard4d(&[&"farm", &"plan", &path, &"--json"]);
+    plan.done();
+    assert_eq!(json(&plan)["jobs"], serde_json::json!({ "keygen": 1, "embed": 3 }));
+}
+
+#[test]
+fn files_that_are_named_elsewhere_are_looked_up_on_the_node() {
+    let folder = farm("id,job,input,output,key,config\na,embed,m0.ply,a,owner.key,env:GUARD4D_TEST_CONFIG\n");
+    let config = put(folder.path(), "secret-place.toml", b"stepps = 1\n");
+    let manifest = folder.path().join("jobs.csv");
+    let mut command = super::command(&[&"farm", &"run", &manifest, &NO_DEVICE[0], &NO_DEVICE[1], &"--json"]);
+    let run = Run::of(command.env("GUARD4D_TEST_CONFIG", &config).output().expect("the program starts"));
+    assert_eq!(run.code, 3, "{}", run.stderr);
+    let cause = json(&run)["failed"]["a"].to_string();
+    assert!(cause.contains("secret-place.toml") && cause.contains("stepps"), "the file was read: {cause}");
+    act(&folder, "plan", &[]).done();
+}
+
+#[test]
+fn embeddings_of_one_process_stop_go_on_and_give_the_bytes_of_commands() {
+    let Some(gpu) = device() else { return };
+    let clip = ClipModel::load(&gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+    let rows = "id,job,input,output,key,extractor,train-clips,probes,size,orbit,frames,steps\n\
+                one,embed,m0.ply,one,owner.key,joint,2,16,32x32,1,2,8\n\
+                two,embed,m1.ply,two,owner.key,joint,2,16,32x32,1,2,8\n";
+    let folder = farm(rows);
+    put(folder.path(), "owner.key", &key_file(&clip).to_bytes().expect("serialises"));
+    let manifest = folder.path().join("jobs.csv");
+    let run = || super::command(&[&"farm", &"run", &manifest, &"--json"]);
+    let stopped = super::interrupted(run(), "TERM", || super::is_begun(folder.path(), "one"));
+    assert_eq!((stopped.code, &json(&stopped)["left"]), (75, &2.into()), "{}", stopped.stderr);
+    assert!(!names(folder.path()).iter().any(|name| name.contains("partial")), "{:?}", names(folder.path()));
+    let status = guard4d(&[&"farm", &"status", &manifest, &"--json"]);
+    assert_eq!(json(&status)["interrupted"], 1, "{}", status.stdout);
+    let went_on = Run::of(run().output().expect("the program starts"));
+    // Marks of eight steps miss the gate.
+    assert_eq!(went_on.code, 3, "{}", went_on.stderr);
+    for (name, model) in [("one", "m0.ply"), ("two", "m1.ply")] {
+        assert_eq!(json(&went_on)["failed"][name], "the quality gate was missed");
+        let [out, model, key] = ["alone", model, "owner.key"].map(|name| folder.path().join(name));
+        let flags = "--extractor joint --train-clips 2 --probes 16 --size 32x32 --orbit 1 --frames 2 --steps 8 -q -w";
+        let mut words: Vec<&dyn AsRef<std::ffi::OsStr>> = vec![&"embed", &model, &"--key", &key, &"--out", &out];
+        let flags: Vec<&str> = flags.split(' ').collect();
+        words.extend(flags.iter().map(|flag| flag as &dyn AsRef<std::ffi::OsStr>));
+        assert_eq!(guard4d(&words).code, 1, "the gate is missed here, too");
+        assert!(contents(&out) == contents(&folder.path().join(name)), "the bytes of {name}");
+    }
+}

@@ -1,0 +1,229 @@
+//! Workers: what is done stays, what fails stops nothing else, and what was broken off is gone on with.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::sync::Mutex;
+
+use guard4d_engine::error::EngineError;
+use guard4d_engine::farm::journal::{Journal, Record, State};
+use guard4d_engine::farm::manifest::{Manifest, Row};
+use guard4d_engine::farm::runner::{Attempt, Ended, Jobs, Policy, Summary, Worker};
+use guard4d_engine::farm::selection::Selection;
+use guard4d_kernels::KernelError;
+use serde_json::Value;
+
+use super::Farm;
+use crate::support::names;
+
+/// Jobs that copy their input; the column `does` says what goes wrong.
+#[derive(Default)]
+struct Copying<'a> {
+    folder: std::path::PathBuf,
+    ran: Vec<(String, Attempt)>,
+    /// All workers' rows, where there are several.
+    all: Option<&'a Mutex<Vec<String>>>,
+    forgotten: usize,
+    is_stopped: bool,
+}
+
+impl Jobs for Copying<'_> {
+    fn run(&mut self, row: &Row, attempt: Attempt) -> Result<Ended, EngineError> {
+        self.ran.push((row.id.clone(), attempt));
+        if let Some(all) = self.all {
+            all.lock().expect("no test panics in it").push(row.id.clone());
+            std::thread::sleep(std::time::Duration::from_millis(2));
+        }
+        let output = self.folder.join(&row.output);
+        match row.columns.get("does").map_or("", String::as_str) {
+            "fail" => {
+                return Err(EngineError::MissingInput {
+                    path: row.input.clone().into(),
+                    expected: "a file".to_owned(),
+                });
+            }
+            "stop" => {
+                self.is_stopped = true;
+                return Err(EngineError::Stopped);
+            }
+            "lose the device" if self.forgotten < 1 => return Err(lost()),
+            "lose every device" => return Err(lost()),
+            _ => {}
+        }
+        assert!(attempt.replaces || !output.exists(), "{}: what is there may not be replaced", row.id);
+        let input =
+            if row.input.is_empty() { Vec::new() } else { fs::read(self.folder.join(&row.input)).expect("there") };
+        fs::write(&output, input).expect("writable");
+        let shortfall = row.columns.contains_key("short").then(|| "not good enough".to_owned());
+        Ok(Ended { exit_code: u8::from(shortfall.is_some()), shortfall, result: Value::Null })
+    }
+
+    fn notes(&self, row: &Row) -> BTreeMap<String, String> {
+        row.columns.clone()
+    }
+
+    fn forget_device(&mut self) {
+        self.forgotten += 1;
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.is_stopped
+    }
+}
+
+fn lost() -> EngineError {
+    EngineError::Kernel(KernelError::DeviceLost { last_pass: "none".to_owned() })
+}
+
+/// Does all rows; what came of it, and which were tried.
+fn run(farm: &Farm, policy: Policy) -> (Summary, Vec<(String, Attempt)>) {
+    let mut jobs = Copying { folder: farm.folder.path().to_path_buf(), ..Copying::default() };
+    let summary = run_with(&farm.manifest(), policy, &mut jobs);
+    (summary, jobs.ran)
+}
+
+fn run_with(manifest: &Manifest, policy: Policy, jobs: &mut Copying<'_>) -> Summary {
+    let places = Selection::default().places(manifest).expect("all rows");
+    let mut watch = |_: guard4d_engine::farm::runner::Event<'_>| ();
+    Worker::new(manifest, policy, jobs, &mut watch).and_then(|mut worker| worker.run(&places)).expect("writable")
+}
+
+/// Names of the rows that were tried.
+fn ids(ran: &[(String, Attempt)]) -> Vec<&str> {
+    ran.iter().map(|(id, _)| id.as_str()).collect()
+}
+
+#[test]
+fn what_is_done_stays_and_what_changed_is_done_again() {
+    let lines = ["id,job,input,output,size", "a,copy,x,a.out,", "b,copy,y,b.out,", "c,copy,a.out,c.out,"];
+    let mut farm = Farm::new(&lines);
+    farm.put("x", "1");
+    farm.put("y", "2");
+    let (summary, ran) = run(&farm, Policy::default());
+    assert_eq!((summary.done, ids(&ran)), (3, vec!["a", "b", "c"]));
+    assert_eq!(fs::read(farm.at("c.out")).expect("made"), b"1", "it read what another made");
+    let (summary, ran) = run(&farm, Policy::default());
+    assert_eq!((summary.done, summary.already, ids(&ran)), (0, 3, vec![]), "nothing is left to do");
+    assert_eq!(names(&farm.manifest().state().join("claims")), Vec::<String>::new(), "no claim is left");
+
+    farm.put("b.out", "spoilt");
+    assert_eq!(ids(&run(&farm, Policy::default()).1), ["b"], "what was made is no longer there");
+    farm.put("y", "3");
+    assert_eq!(ids(&run(&farm, Policy::default()).1), ["b"], "another input");
+    farm.put("x", "4");
+    assert_eq!(ids(&run(&farm, Policy::default()).1), ["a", "c"], "and all that follows from it");
+    assert_eq!(fs::read(farm.at("c.out")).expect("made"), b"4");
+    farm.put("jobs.csv", &lines.join("\n").replace("b.out,", "b.out,8x8"));
+    farm.path = farm.at("jobs.csv");
+    assert_eq!(ids(&run(&farm, Policy::default()).1), ["b"], "another setting");
+}
+
+#[test]
+fn a_row_that_fails_stops_only_those_that_need_it() {
+    let farm = Farm::new(&[
+        "id,job,input,output,does,short",
+        "bad,copy,x,bad.out,fail,",
+        "poor,copy,x,poor.out,,yes",
+        "after,copy,bad.out,after.out,,",
+        "later,copy,after.out,later.out,,",
+        "good,copy,x,good.out,,",
+    ]);
+    farm.put("x", "1");
+    let (summary, ran) = run(&farm, Policy::default());
+    assert_eq!((summary.done, ids(&ran)), (1, vec!["bad", "poor", "good"]));
+    let causes: Vec<&str> = summary.failed.iter().map(|(_, why)| why.as_str()).collect();
+    assert_eq!(causes[1..], ["not good enough", "it needs `bad`, which failed", "it needs `after`, which failed"]);
+    assert!(causes[0].contains("not found"), "{causes:?}");
+    let (again, ran) = run(&farm, Policy::default());
+    assert_eq!((again.failed, again.already, ran.len()), (summary.failed, 1, 0), "failed rows are not tried again");
+    let retry = Policy { retry_failed: true, ..Policy::default() };
+    let (_, ran) = run(&farm, retry);
+    assert_eq!(ids(&ran), ["bad", "poor"], "unless it is asked for, and then once");
+    assert_eq!(ran[1].1, Attempt { number: 2, replaces: true, goes_on: false });
+    let journal = Journal::open(&farm.manifest().state(), "reader").expect("readable");
+    let record = journal.last("bad").expect("a record");
+    assert_eq!((record.state, record.exit_code, record.attempt), (State::Failed, Some(66), 2));
+    assert_eq!(record.notes["does"], "fail", "columns that the job does not know");
+}
+
+#[test]
+fn too_many_failures_end_the_run() {
+    let farm = Farm::new(&["id,job,input,output,does", "a,copy,x,1,fail", "b,copy,x,2,fail", "c,copy,x,3,"]);
+    farm.put("x", "1");
+    let (summary, ran) = run(&farm, Policy { max_failures: Some(2), ..Policy::default() });
+    assert_eq!((summary.failed.len(), summary.left, ids(&ran)), (2, 1, vec!["a", "b"]));
+}
+
+#[test]
+fn what_no_row_made_is_not_replaced() {
+    let farm = Farm::new(&["id,job,input,output", "a,copy,x,a.out"]);
+    farm.put("x", "1");
+    farm.put("a.out", "somebody's work");
+    let (summary, ran) = run(&farm, Policy::default());
+    assert!(ran.is_empty() && summary.failed[0].1.contains("--overwrite"), "{summary:?}");
+    assert_eq!(fs::read(farm.at("a.out")).expect("there"), b"somebody's work");
+    let (summary, _) = run(&farm, Policy { replace: true, retry_failed: true, ..Policy::default() });
+    assert_eq!((summary.done, fs::read(farm.at("a.out")).expect("made")), (1, b"1".to_vec()));
+}
+
+#[test]
+fn a_lost_device_is_opened_anew_once() {
+    let farm = Farm::new(&[
+        "id,job,input,output,does,cost",
+        "once,copy,x,1,lose the device,2",
+        "always,copy,x,2,lose every device,1",
+    ]);
+    farm.put("x", "1");
+    let (summary, ran) = run(&farm, Policy::default());
+    assert_eq!((summary.done, ids(&ran)), (1, vec!["once", "once", "always", "always"]));
+    let journal = Journal::open(&farm.manifest().state(), "reader").expect("readable");
+    assert_eq!(journal.last("always").and_then(|record| record.exit_code), Some(76));
+}
+
+#[test]
+fn what_was_broken_off_is_gone_on_with() {
+    let farm = Farm::new(&["id,job,input,output,does", "a,copy,x,1,stop", "b,copy,x,2,"]);
+    farm.put("x", "1");
+    let (summary, ran) = run(&farm, Policy::default());
+    assert!(summary.is_interrupted && summary.left == 2 && ran.len() == 1, "{summary:?}");
+    let (_, ran) = run(&farm, Policy::default());
+    assert_eq!(ran[0].1, Attempt { number: 2, replaces: true, goes_on: true }, "asked to stop");
+
+    // Killed: it was begun, its output is there, and nobody wrote that it is done.
+    let farm = Farm::new(&["id,job,input,output", "a,copy,x,1"]);
+    farm.put("x", "new");
+    farm.put("1", "old");
+    let manifest = farm.manifest();
+    let begun = Record::begun("a", "copy", 1, manifest.rows()[0].settings_hash(), "killed");
+    Journal::open(&manifest.state(), "killed").expect("readable").add(begun).expect("writable");
+    let (summary, ran) = run(&farm, Policy::default());
+    assert_eq!((summary.done, ran[0].1), (1, Attempt { number: 2, replaces: true, goes_on: true }));
+    assert_eq!(fs::read(farm.at("1")).expect("made"), b"new");
+}
+
+#[test]
+fn workers_at_once_do_every_row_once() {
+    let rows: Vec<String> = (0..60)
+        .map(|n| format!("r{n},copy,{},{n}.out", if n < 20 { "x".to_owned() } else { format!("{}.out", n - 20) }))
+        .collect();
+    let lines: Vec<&str> = std::iter::once("id,job,input,output").chain(rows.iter().map(String::as_str)).collect();
+    let farm = Farm::new(&lines);
+    farm.put("x", "1");
+    let (manifest, all) = (farm.manifest(), Mutex::new(Vec::new()));
+    let folder = farm.folder.path();
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| {
+                let mut jobs = Copying { folder: folder.to_path_buf(), all: Some(&all), ..Copying::default() };
+                let summary = run_with(&manifest, Policy::default(), &mut jobs);
+                assert_eq!(summary.failed, []);
+            });
+        }
+    });
+    let mut ran = all.into_inner().expect("no test panics in it");
+    ran.sort();
+    let mut expected: Vec<String> = (0..60).map(|n| format!("r{n}")).collect();
+    expected.sort();
+    assert_eq!(ran, expected, "each once");
+    let (summary, ran) = run(&farm, Policy::default());
+    assert_eq!((summary.already, ran.len()), (60, 0), "and all are done");
+}
