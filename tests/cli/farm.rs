@@ -186,3 +186,58 @@ fn embeddings_of_one_process_stop_go_on_and_give_the_bytes_of_commands() {
         assert!(contents(&out) == contents(&folder.path().join(name)), "the bytes of {name}");
     }
 }
+
+/// A folder with a program of this name that does what the shell script says.
+fn stub(name: &str, script: &str) -> TempDir {
+    use std::os::unix::fs::PermissionsExt as _;
+    let folder = scratch();
+    let path = put(folder.path(), name, format!("#!/bin/sh\n{script}\n").as_bytes());
+    fs::set_permissions(path, fs::Permissions::from_mode(0o755)).expect("writable");
+    folder
+}
+
+#[test]
+fn schedulers_are_given_what_they_run() {
+    let folder = farm("id,job,input,output\na,convert,m0.ply,a.glb\nb,convert,m1.ply,b.glb\n");
+    let manifest = folder.path().join("jobs.csv");
+    let dry = guard4d(&[&"farm", &"submit", &manifest, &"--engine", &"slurm", &"--dry-run"]);
+    dry.done();
+    assert!(dry.stdout.contains("#SBATCH --array=1-2\n"), "no more tasks than rows: {}", dry.stdout);
+    assert!(!folder.path().join("jobs.farm").exists(), "nothing was written");
+
+    // A Slurm that runs every task of the array at once.
+    let sbatch = stub(
+        "sbatch",
+        "for i in 1 2; do SLURM_ARRAY_TASK_ID=$i SLURM_ARRAY_TASK_MIN=1 SLURM_ARRAY_TASK_MAX=2 \
+         sh -c \"$(sed 's/^srun --kill-on-bad-exit=1//' $2)\" >&2 || exit; done; echo 42",
+    );
+    let path = format!("{}:{}", sbatch.path().display(), std::env::var("PATH").expect("a shell's"));
+    let submit = |engine: &str, path: &str| {
+        let mut command = super::command(&[&"farm", &"submit", &manifest, &"--engine", &engine]);
+        Run::of(command.env("PATH", path).output().expect("the program starts"))
+    };
+    let submitted = submit("slurm", &path);
+    submitted.done();
+    assert_eq!(submitted.stdout, "42\n", "the job's number");
+    assert_eq!(json(&act(&folder, "status", &["--json"]))["done"], 2);
+    submit("slurm", "/nowhere").refused(69, &["sbatch"]);
+    let busy = stub("sbatch", "echo 'Batch job submission failed: Invalid job array' >&2; exit 1");
+    submit("slurm", &format!("{}:/bin:/usr/bin", busy.path().display())).refused(69, &["Invalid job array"]);
+    submit("openjd", &path).done();
+    let template = fs::read(folder.path().join("jobs.farm/openjd.template.json")).expect("made");
+    let template: Value = serde_json::from_slice(&template).expect("JSON");
+    assert_eq!(template["specificationVersion"], "jobtemplate-2023-09");
+}
+
+#[test]
+fn progress_is_told_as_openjd_reads_it() {
+    let folder = farm("id,job,input,output\na,convert,m0.ply,a.glb\nb,convert,m1.ply,b.glb\n");
+    let manifest = folder.path().join("jobs.csv");
+    let mut command = super::command(&[&"farm", &"run", &manifest, &NO_DEVICE[0], &NO_DEVICE[1]]);
+    let run = Run::of(command.env("OPENJD_SESSION_WORKING_DIR", "/tmp").output().expect("the program starts"));
+    run.done();
+    let said: Vec<&str> = run.stdout.lines().filter(|line| line.starts_with("openjd_")).collect();
+    let expected =
+        ["openjd_progress: 50", "openjd_status: rows 1/2", "openjd_progress: 100", "openjd_status: rows 2/2"];
+    assert_eq!(said, expected);
+}

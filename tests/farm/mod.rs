@@ -7,6 +7,7 @@ mod manifest;
 mod runner;
 mod selection;
 mod status;
+mod submission;
 
 use std::fs;
 use std::path::PathBuf;

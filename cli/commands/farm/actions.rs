@@ -4,7 +4,7 @@ use clap::{Args, Command, Subcommand};
 use guard4d_engine::error::EngineError;
 
 use super::job::Dispatch;
-use super::{init, plan, run, status};
+use super::{init, plan, run, status, submit};
 use crate::flags::common::Common;
 use crate::ui::outcome::Outcome;
 
@@ -28,6 +28,8 @@ enum Action {
     Run(run::RunArgs),
     /// Says how far a manifest is
     Status(status::StatusArgs),
+    /// Hands a manifest to a scheduler: a Slurm array, or an OpenJD template
+    Submit(submit::SubmitArgs),
 }
 
 pub(crate) fn run(
@@ -41,5 +43,6 @@ pub(crate) fn run(
         Action::Plan(args) => plan::run(args, common, command),
         Action::Run(args) => run::run(args, common, command, dispatch),
         Action::Status(args) => status::run(args, common),
+        Action::Submit(args) => submit::run(args, common),
     }
 }

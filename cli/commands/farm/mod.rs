@@ -6,3 +6,4 @@ mod job;
 mod plan;
 mod run;
 mod status;
+mod submit;

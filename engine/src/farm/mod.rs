@@ -9,3 +9,4 @@ pub mod manifest;
 pub mod runner;
 pub mod selection;
 pub mod status;
+pub mod submission;
