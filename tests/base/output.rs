@@ -4,7 +4,7 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use guard4d_engine::base::output::{AtomicDir, AtomicFile, Existing};
+use guard4d_engine::base::output::{AtomicDir, AtomicFile, Existing, remove_partials};
 use guard4d_engine::error::EngineError;
 
 use crate::support::names;
@@ -22,6 +22,19 @@ fn assert_cannot_create<T: std::fmt::Debug>(result: Result<T, EngineError>, word
     let error = result.expect_err("the output cannot be created");
     assert_eq!(error.exit_code(), 73, "{error}");
     assert!(error.to_string().contains(word), "`{word}` is not in `{error}`");
+}
+
+#[test]
+fn what_killed_runs_left_of_an_output_is_removed_and_nothing_else() {
+    let place = tempfile::tempdir().expect("a temporary folder can be made");
+    let at = |name: &str| place.path().join(name);
+    for file in [".a.partial-7", ".a.partial-7-1", ".a.glb.partial-7", ".ab.partial-7", "a.glb", ".a"] {
+        fs::write(at(file), file).expect("writable");
+    }
+    fs::create_dir_all(at(".a.old-9/deep")).expect("writable");
+    remove_partials(&at("a")).expect("removable");
+    assert_eq!(names(place.path()), [".a", ".a.glb.partial-7", ".ab.partial-7", "a.glb"]);
+    remove_partials(&at("none/a")).expect("nothing is there");
 }
 
 #[test]

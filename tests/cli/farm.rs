@@ -9,9 +9,11 @@ use tempfile::TempDir;
 
 use super::embed::contents;
 use super::{Run, guard4d, names, put, scratch};
+use crate::support::files_below;
 use crate::support::fixture::gaussians;
 use crate::support::gpu::device;
 use crate::support::owner::key_file;
+use crate::support::random::Random;
 
 /// No device has this name, so that what opens none is seen.
 const NO_DEVICE: [&str; 2] = ["--device", "name:none-of-this-name"];
@@ -240,4 +242,45 @@ fn progress_is_told_as_openjd_reads_it() {
     let expected =
         ["openjd_progress: 50", "openjd_status: rows 1/2", "openjd_progress: 100", "openjd_status: rows 2/2"];
     assert_eq!(said, expected);
+}
+
+#[test]
+fn runs_that_are_killed_lose_nothing_and_leave_nothing() {
+    const ROWS: usize = 16;
+    // Folders of files, whose making takes long enough to be caught at.
+    let rows: String = (0..ROWS).map(|n| format!("r{n},convert,m{}.ply,out/{n},40\n", n % 3)).collect();
+    let rows = format!("id,job,input,output,moments\n{rows}");
+    let (quiet, killed) = (farm(&rows), farm(&rows));
+    act(&quiet, "run", &[]).done();
+    let manifest = killed.path().join("jobs.csv");
+    let mut random = Random(26);
+    let mut kills = 0;
+    for _ in 0..20 {
+        let mut command = super::command(&[&"farm", &"run", &manifest, &NO_DEVICE[0], &NO_DEVICE[1]]);
+        let mut child = command.spawn().expect("the program starts");
+        std::thread::sleep(std::time::Duration::from_micros((random.uniform(2.0, 120.0) * 1e3) as u64));
+        kills += usize::from(child.try_wait().expect("a child").is_none());
+        child.kill().expect("it can be killed");
+        child.wait().expect("a child");
+    }
+    assert!(kills > 0, "some run was caught at work");
+    let last = act(&killed, "run", &["--json"]);
+    last.done();
+    assert_eq!(json(&last)["elsewhere"], 0, "dead workers hold nothing");
+    let files = |folder: &TempDir| -> Vec<(String, Vec<u8>)> {
+        let root = folder.path().join("out");
+        let read = |path: std::path::PathBuf| {
+            let bytes = fs::read(root.join(&path)).expect("readable");
+            (path.display().to_string(), bytes)
+        };
+        files_below(&root).into_iter().map(read).collect()
+    };
+    assert!(files(&quiet) == files(&killed), "the bytes of a quiet run, and no other file");
+    assert_eq!(names(&killed.path().join("jobs.farm/claims")), Vec::<String>::new(), "no claim is left");
+    let lines =
+        fs::read_dir(killed.path().join("jobs.farm")).expect("made").map(|entry| entry.expect("readable").path());
+    let texts: String =
+        lines.filter(|path| path.is_file()).map(|path| fs::read_to_string(path).expect("text")).collect();
+    // Killed between output and record, a row is done again; it is never recorded as done twice.
+    assert_eq!(texts.matches(r#""state":"done""#).count(), ROWS, "each row is done once in the records");
 }

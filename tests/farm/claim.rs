@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, SystemTime};
 
-use guard4d_engine::farm::claim::{BEAT, Claims};
+use guard4d_engine::farm::claim::{BEAT, Claims, worker_name};
 
 use crate::support::names;
 
@@ -70,4 +70,27 @@ fn of_many_that_ask_at_once_one_gets_it() {
         }
     });
     assert_eq!(winners.load(Ordering::SeqCst), 1, "a claim that was nobody's");
+}
+
+#[test]
+fn a_dead_workers_row_is_free_at_once() {
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    let me = worker_name().expect("random numbers");
+    // This machine, and a process that it cannot have: numbers end at 2^22 (proc(5), pid_max).
+    let dead = me.replace(&format!("-{}-", std::process::id()), "-4194305-");
+    let elsewhere = dead.replacen(me.split('-').next().expect("a host"), "elsewhere", 1);
+    for (row, worker) in [("row", &dead), (".left", &dead), ("far", &elsewhere)] {
+        fs::write(folder.path().join(row), worker).expect("writable");
+    }
+    let claims = Claims::open(folder.path(), &me, BEAT).expect("writable");
+    assert!(!folder.path().join(".left").exists(), "what it left is removed");
+    fs::write(folder.path().join("later"), &dead).expect("writable");
+    for row in ["row", "later"] {
+        assert!(claims.take(row).expect("readable").is_some(), "{row}: its worker is dead");
+    }
+    assert!(claims.take("far").expect("readable").is_none(), "of a worker elsewhere this machine knows nothing");
+    let alive = Claims::open(folder.path(), "other", BEAT).expect("writable");
+    let held = claims.take("mine").expect("readable").expect("free");
+    assert!(alive.take("mine").expect("readable").is_none(), "this process is alive");
+    drop(held);
 }

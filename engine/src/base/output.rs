@@ -268,6 +268,30 @@ fn parent_of(target: &Path) -> &Path {
     }
 }
 
+/// Removes what killed runs left of `target` under partial names. Nobody else may be writing it.
+///
+/// # Errors
+/// [`EngineError::Io`] naming what cannot be read or removed.
+pub fn remove_partials(target: &Path) -> Result<(), EngineError> {
+    let (parent, Some(name)) = (parent_of(target), target.file_name()) else { return Ok(()) };
+    let entries = match fs::read_dir(parent) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+        Err(source) => return Err(io_error(parent, source)),
+    };
+    let kinds = ["partial", "old"].map(|kind| format!(".{}.{kind}-", name.to_string_lossy()));
+    for entry in entries {
+        let path = entry.map_err(|source| io_error(parent, source))?.path();
+        let found = path.file_name().unwrap_or_default().to_string_lossy();
+        if !kinds.iter().any(|kind| found.starts_with(kind.as_str())) {
+            continue;
+        }
+        let removed = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+        removed.map_err(|source| io_error(&path, source))?;
+    }
+    Ok(())
+}
+
 /// `.NAME.KIND-PID` beside `target`, with a number behind it from the second attempt on.
 fn sibling(target: &Path, kind: &str, attempt: u32) -> Result<PathBuf, EngineError> {
     let name = target.file_name().ok_or_else(|| EngineError::CannotCreate {

@@ -13,6 +13,7 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime};
 
+use crate::base::prf::fill_unpredictably;
 use crate::error::EngineError;
 
 /// How often a worker says that it is there.
@@ -50,6 +51,7 @@ impl Claims {
             .and_then(|mut file| write_name(&mut file, worker).map(|()| file));
         let refuse = |e: std::io::Error| EngineError::CannotCreate { path: own.clone(), reason: e.to_string() };
         let mut file = made.map_err(refuse)?;
+        remove_dead(folder)?;
         let (end, ended) = channel();
         let name = worker.to_owned();
         let heart = std::thread::spawn(move || {
@@ -81,7 +83,7 @@ impl Claims {
         if self.is_mine(&path) {
             return Ok(claim());
         }
-        if !self.remove_if_stale(&path)? {
+        if !self.is_silent(&path)? || !self.take_away(&path, &self.folder.join(format!(".{id}.takeover")))? {
             return Ok(None);
         }
         match fs::hard_link(&self.own, &path) {
@@ -96,28 +98,37 @@ impl Claims {
         fs::read_to_string(path).is_ok_and(|name| name == self.worker)
     }
 
-    /// Takes away a claim whose worker is silent; whether it is gone.
-    fn remove_if_stale(&self, path: &Path) -> Result<bool, EngineError> {
+    /// Whether the worker of a claim is silent, or dead as this machine knows; one that is gone has none.
+    fn is_silent(&self, path: &Path) -> Result<bool, EngineError> {
         let Some(beaten) = modified(path)? else { return Ok(true) };
+        if fs::read_to_string(path).is_ok_and(|name| is_dead(&name)) {
+            return Ok(true);
+        }
         let now = self.server_time()?;
-        if now.duration_since(beaten).unwrap_or_default() <= self.beat * MISSED_BEATS {
-            return Ok(false);
-        }
-        // Renaming gives it to one of all who saw it. That one may have come late, and hold a new claim: it goes back.
-        let aside = self.own.with_extension("stale");
-        match fs::rename(path, &aside) {
+        Ok(now.duration_since(beaten).unwrap_or_default() > self.beat * MISSED_BEATS)
+    }
+
+    /// Takes away the claim of a silent worker; whether it is gone. Of all who see it one at a time does so, and looks
+    /// once more: whoever comes late would take away the claim of the one who was faster.
+    fn take_away(&self, path: &Path, turn: &Path) -> Result<bool, EngineError> {
+        let io = |source| EngineError::Io { path: turn.to_path_buf(), source };
+        match fs::hard_link(&self.own, turn) {
             Ok(()) => {}
-            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(true),
-            Err(source) => return Err(EngineError::Io { path: path.to_path_buf(), source }),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {
+                // One that was killed in its turn: the next who asks has one.
+                if modified(turn)?.is_some() && self.is_silent(turn)? {
+                    removed(turn)?;
+                }
+                return Ok(false);
+            }
+            Err(source) => return Err(io(source)),
         }
-        let is_the_same = modified(&aside)? == Some(beaten);
-        let put_back = if is_the_same { Ok(()) } else { fs::hard_link(&aside, path) };
-        let io = |source| EngineError::Io { path: aside.clone(), source };
-        fs::remove_file(&aside).map_err(io)?;
-        match put_back {
-            Err(error) if error.kind() != ErrorKind::AlreadyExists => Err(io(error)),
-            _ => Ok(is_the_same),
-        }
+        let is_gone = self.is_silent(path).and_then(|is_silent| match is_silent {
+            true => removed(path).map(|()| true),
+            false => Ok(false),
+        });
+        removed(turn)?;
+        is_gone
     }
 
     /// What the clock says that stamps the files.
@@ -125,7 +136,7 @@ impl Claims {
         let probe = self.own.with_extension("clock");
         let io = |source| EngineError::Io { path: probe.clone(), source };
         let written = File::create(&probe).and_then(|mut file| {
-            file.write_all(b"?")?;
+            file.write_all(self.worker.as_bytes())?;
             file.sync_all()
         });
         written.map_err(io)?;
@@ -157,6 +168,57 @@ impl Drop for Claim {
         {
             tracing::warn!("{}: {error}", self.path.display());
         }
+    }
+}
+
+/// A name that no other process has: host, process, and a random number, because containers share both.
+///
+/// # Errors
+/// [`EngineError::Program`] if the system has no working random source.
+pub fn worker_name() -> Result<String, EngineError> {
+    let mut bytes = [0; 4];
+    fill_unpredictably(&mut bytes)?;
+    Ok(format!("{}-{}-{:08x}", host(), std::process::id(), u32::from_le_bytes(bytes)))
+}
+
+/// This machine's name, as names of files have it.
+fn host() -> String {
+    let name = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let name: String = name.trim().chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+    if name.is_empty() { "host".to_owned() } else { name }
+}
+
+/// Whether a worker was a process of this machine that is no longer there. Of one in another container of the same name
+/// it can say so though it lives: then two workers do one row.
+fn is_dead(worker: &str) -> bool {
+    let mut parts = worker.split('-');
+    let (Some(host), Some(process), Some(_), None) = (parts.next(), parts.next(), parts.next(), parts.next()) else {
+        return false;
+    };
+    let is_number = process.parse::<u32>().is_ok();
+    is_number && host == self::host() && Path::new("/proc/self").exists() && !Path::new("/proc").join(process).exists()
+}
+
+/// Removes what workers of this machine left that were killed.
+fn remove_dead(folder: &Path) -> Result<(), EngineError> {
+    let io = |source| EngineError::Io { path: folder.to_path_buf(), source };
+    for entry in fs::read_dir(folder).map_err(io)? {
+        let path = entry.map_err(io)?.path();
+        // Another worker may be removing the same.
+        if fs::read_to_string(&path).is_ok_and(|name| is_dead(&name)) {
+            removed(&path)?;
+        }
+    }
+    Ok(())
+}
+
+/// Removes a file, unless it is gone.
+fn removed(path: &Path) -> Result<(), EngineError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            Err(EngineError::Io { path: path.to_path_buf(), source: error })
+        }
+        _ => Ok(()),
     }
 }
 

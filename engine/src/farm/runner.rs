@@ -8,12 +8,13 @@ use std::time::{Duration, Instant};
 use guard4d_kernels::KernelError;
 use serde_json::Value;
 
-use super::claim::{BEAT, Claims};
+use super::claim::{BEAT, Claims, worker_name};
 use super::contents::Contents;
 use super::journal::{Journal, Record, State};
 use super::manifest::{Manifest, Row};
+use crate::base::checkpoint;
 use crate::base::digest::Digest;
-use crate::base::prf::fill_unpredictably;
+use crate::base::output::remove_partials;
 use crate::error::EngineError;
 
 /// How long to wait for other workers before looking again.
@@ -255,6 +256,8 @@ impl<'a> Worker<'a> {
             Err(EngineError::CannotCreate { path: output.clone(), reason })
         } else {
             self.journal.add(record.clone())?;
+            remove_partials(&output)?;
+            remove_partials(&checkpoint::path_beside(&output))?;
             (self.watch)(Event::Begins(row));
             let started = Instant::now();
             let ended = self.run_twice(row, Attempt { number, replaces: is_ours || self.policy.replace, goes_on });
@@ -333,15 +336,4 @@ impl<'a> Worker<'a> {
     fn at(&self, path: &str) -> PathBuf {
         self.manifest.folder().join(path)
     }
-}
-
-/// A name that no other process has: host, process, and a random number, because containers share both.
-fn worker_name() -> Result<String, EngineError> {
-    let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-    let host: String =
-        host.trim().chars().map(|c| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' }).collect();
-    let host = if host.is_empty() { "host".to_owned() } else { host };
-    let mut bytes = [0; 4];
-    fill_unpredictably(&mut bytes)?;
-    Ok(format!("{host}-{}-{:08x}", std::process::id(), u32::from_le_bytes(bytes)))
 }
