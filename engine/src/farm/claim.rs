@@ -204,8 +204,10 @@ fn remove_dead(folder: &Path) -> Result<(), EngineError> {
     let io = |source| EngineError::Io { path: folder.to_path_buf(), source };
     for entry in fs::read_dir(folder).map_err(io)? {
         let path = entry.map_err(io)?.path();
-        // Another worker may be removing the same.
-        if fs::read_to_string(&path).is_ok_and(|name| is_dead(&name)) {
+        // A worker's own files bear its name, also where it was killed before it could write it.
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        let is_left = name.strip_prefix('.').is_some_and(is_dead);
+        if is_left || fs::read_to_string(&path).is_ok_and(|name| is_dead(&name)) {
             removed(&path)?;
         }
     }
