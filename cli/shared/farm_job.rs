@@ -32,9 +32,9 @@ pub(crate) fn overwrite(attempt: Attempt) -> Option<String> {
     attempt.replaces.then(|| "--overwrite".to_owned())
 }
 
-/// `--out OUTPUT` and the input behind `--`, as most commands take them.
+/// `--out=OUTPUT` and the input behind `--`, as most commands take them.
 pub(crate) fn out_and_input(row: &Row, attempt: Attempt) -> Vec<String> {
-    let out = ["--out".to_owned(), row.output.clone()];
+    let out = [format!("--out={}", row.output)];
     let input = (!row.input.is_empty()).then(|| ["--".to_owned(), row.input.clone()]);
     overwrite(attempt).into_iter().chain(out).chain(input.into_iter().flatten()).collect()
 }

@@ -6,8 +6,7 @@ use std::path::PathBuf;
 use clap::{Args, Command};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::farm::manifest::Manifest;
-use guard4d_engine::farm::runner::Attempt;
-use guard4d_engine::farm::selection::{Selection, Shard};
+use guard4d_engine::farm::selection::{Selection, Share};
 use guard4d_engine::farm::status::Status;
 use serde::Serialize;
 
@@ -37,28 +36,15 @@ struct Plan {
     shards: Vec<Share>,
 }
 
-/// What one worker would do.
-#[derive(Serialize)]
-struct Share {
-    rows: usize,
-    cost: f64,
-}
-
 pub(super) fn run(args: &PlanArgs, common: &Common, command: Command) -> Result<Outcome, EngineError> {
     let manifest = Manifest::open(&args.manifest)?;
     let mut command = CommandLine::new(command);
     let mut jobs: BTreeMap<String, usize> = BTreeMap::new();
     for row in manifest.rows() {
-        command.parse(manifest.path(), row, Attempt { number: 1, replaces: false, goes_on: false })?;
+        command.check(manifest.path(), row)?;
         *jobs.entry(row.job.clone()).or_default() += 1;
     }
-    let count = args.shards as usize;
-    let share = |index| {
-        let shard = Shard::new(index, count).expect("an index of the count");
-        let places = Selection { shard: Some(shard), ..Selection::default() }.places(&manifest)?;
-        Ok(Share { rows: places.len(), cost: places.iter().map(|place| manifest.rows()[*place].cost).sum() })
-    };
-    let shards = (1..=count).map(share).collect::<Result<_, EngineError>>()?;
+    let shards = Selection::default().shares(&manifest, args.shards as usize)?;
     let notes = command.unknown_columns(&manifest).into_iter().collect();
     let plan = Plan { rows: manifest.rows().len(), jobs, notes, done: Status::of(&manifest)?.done, shards };
     print(common, &plan, human)?;

@@ -74,7 +74,7 @@ pub(super) fn run(
     Manifest::open(&args.manifest)?;
     let manifest = Manifest::open(&std::path::absolute(&args.manifest).map_err(io)?)?;
     for row in manifest.rows() {
-        command.parse(manifest.path(), row, Attempt { number: 1, replaces: false, goes_on: false })?;
+        command.check(manifest.path(), row)?;
     }
     let shard = args.shard.as_deref().map(|text| match text {
         "auto" => Shard::of_array(|variable| std::env::var(variable).ok()),

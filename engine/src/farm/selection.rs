@@ -5,6 +5,8 @@ use std::cmp::{Ordering, Reverse};
 use std::collections::{BinaryHeap, HashMap, HashSet};
 use std::str::FromStr;
 
+use serde::Serialize;
+
 use super::manifest::{Manifest, Row};
 use crate::error::EngineError;
 
@@ -35,6 +37,15 @@ pub struct Selection {
     pub ids: Vec<String>,
     /// A share of these.
     pub shard: Option<Shard>,
+}
+
+/// What a shard has to do.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Share {
+    /// How many rows.
+    pub rows: usize,
+    /// Sum of their costs.
+    pub cost: f64,
 }
 
 /// Why something is neither rows nor a shard.
@@ -131,7 +142,7 @@ impl Selection {
         let rows = manifest.rows();
         let chosen = self.chosen(rows)?;
         let mine = match self.shard {
-            Some(shard) => shard.of(rows, &chosen),
+            Some(Shard { index, count }) => deal(rows, &chosen, count).swap_remove(index - 1),
             None => chosen,
         };
         let mut places = with_needs(rows, mine);
@@ -140,6 +151,20 @@ impl Selection {
             one.stage.cmp(&other.stage).then(other.cost.total_cmp(&one.cost)).then(a.cmp(&b))
         });
         Ok(places)
+    }
+
+    /// What each of `count` shards has to do of the chosen rows. Rows that one needs of another are not counted.
+    ///
+    /// # Errors
+    /// Those of [`Self::places`].
+    pub fn shares(&self, manifest: &Manifest, count: usize) -> Result<Vec<Share>, EngineError> {
+        let rows = manifest.rows();
+        let dealt = deal(rows, &self.chosen(rows)?, count);
+        let share = |places: &Vec<usize>| Share {
+            rows: places.len(),
+            cost: places.iter().map(|place| rows[*place].cost).sum(),
+        };
+        Ok(dealt.iter().map(share).collect())
     }
 
     /// Places before shards are dealt, ascending.
@@ -163,38 +188,37 @@ impl Selection {
     }
 }
 
-impl Shard {
-    /// Those of the chosen rows that fall to this shard. A row stays with the one that makes its input. Such groups are
-    /// dealt longest first, each to the shard that has the least to do; equal ones go round.
-    fn of(self, rows: &[Row], chosen: &[usize]) -> Vec<usize> {
-        let is_chosen: HashSet<usize> = chosen.iter().copied().collect();
-        let mut groups = Groups::new(rows.len());
-        for &place in chosen {
-            if let Some(source) = rows[place].source.filter(|source| is_chosen.contains(source)) {
-                groups.join(place, source);
-            }
+/// The chosen rows of each of `count` shards. A row stays with the one that makes its input. Such groups are dealt
+/// longest first, each to the shard that has the least to do; equal ones go round.
+fn deal(rows: &[Row], chosen: &[usize], count: usize) -> Vec<Vec<usize>> {
+    let mut is_chosen = vec![false; rows.len()];
+    chosen.iter().for_each(|place| is_chosen[*place] = true);
+    let mut groups = Groups::new(rows.len());
+    for &place in chosen {
+        if let Some(source) = rows[place].source.filter(|source| is_chosen[*source]) {
+            groups.join(place, source);
         }
-        let mut costs: HashMap<usize, f64> = HashMap::new();
-        for &place in chosen {
-            *costs.entry(groups.first(place)).or_default() += rows[place].cost;
-        }
-        let mut order: Vec<(usize, f64)> = costs.into_iter().collect();
-        order.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-        // The shard with the least to do on top, of equal ones the first.
-        let mut loads: BinaryHeap<_> = (1..=self.count).map(|index| Reverse((Load::default(), index))).collect();
-        let mut mine = HashSet::new();
-        for (group, cost) in order {
-            let Reverse((load, index)) = loads.pop().expect("a shard has a number");
-            if index == self.index {
-                mine.insert(group);
-            }
-            loads.push(Reverse((Load { cost: load.cost + cost, groups: load.groups + 1 }, index)));
-        }
-        chosen.iter().copied().filter(|place| mine.contains(&groups.first(*place))).collect()
     }
+    let mut costs = vec![0.0; rows.len()];
+    for &place in chosen {
+        costs[groups.first(place)] += rows[place].cost;
+    }
+    let mut order: Vec<usize> = chosen.iter().copied().filter(|place| groups.first(*place) == *place).collect();
+    order.sort_by(|a, b| costs[*b].total_cmp(&costs[*a]).then(a.cmp(b)));
+    // The shard with the least to do on top, of equal ones the first.
+    let mut loads: BinaryHeap<_> = (0..count).map(|index| Reverse((Load::default(), index))).collect();
+    let mut shard_of = vec![0; rows.len()];
+    for group in order {
+        let Reverse((load, index)) = loads.pop().expect("there is a shard");
+        shard_of[group] = index;
+        loads.push(Reverse((Load { cost: load.cost + costs[group], groups: load.groups + 1 }, index)));
+    }
+    let mut dealt = vec![Vec::new(); count];
+    chosen.iter().for_each(|place| dealt[shard_of[groups.first(*place)]].push(*place));
+    dealt
 }
 
-/// What a shard has to do. How many groups that is tells rows without a cost apart.
+/// What a shard has so far. How many groups that is tells rows without a cost apart.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Load {
     cost: f64,
