@@ -39,12 +39,12 @@ fn a_silent_workers_row_is_taken_over_and_a_living_ones_is_not() {
     drop(taken);
     assert!(!claim.exists(), "and let go");
 
-    // One that says every 20 ms that it is there keeps its row for longer than three beats.
+    // One that says every 20 ms that it is there keeps its row for longer than three beats of whoever wants it.
     let beat = Duration::from_millis(20);
     let alive = Claims::open(folder.path(), "alive", beat).expect("writable");
-    let watcher = Claims::open(folder.path(), "watcher", Duration::from_millis(500)).expect("writable");
+    let watcher = Claims::open(folder.path(), "watcher", Duration::from_secs(1)).expect("writable");
     let held = alive.take("row").expect("readable").expect("free");
-    std::thread::sleep(Duration::from_millis(2000));
+    std::thread::sleep(Duration::from_millis(3500));
     assert!(watcher.take("row").expect("readable").is_none(), "it is alive");
     drop(held);
 }
