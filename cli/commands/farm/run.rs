@@ -70,8 +70,6 @@ pub(super) fn run(
 ) -> Result<Outcome, EngineError> {
     let io = |source| EngineError::Io { path: args.manifest.clone(), source };
     let mut command = CommandLine::new(command);
-    // Tells a manifest that is not there in the words of one that cannot be read.
-    Manifest::open(&args.manifest)?;
     let manifest = Manifest::open(&std::path::absolute(&args.manifest).map_err(io)?)?;
     for row in manifest.rows() {
         command.check(manifest.path(), row)?;

@@ -39,7 +39,6 @@ enum Engine {
 
 pub(super) fn run(args: &SubmitArgs, common: &Common) -> Result<Outcome, EngineError> {
     let io = |source| EngineError::Io { path: args.manifest.clone(), source };
-    Manifest::open(&args.manifest)?;
     let manifest = Manifest::open(&std::path::absolute(&args.manifest).map_err(io)?)?;
     let rows = manifest.rows().len();
     if rows == 0 {
