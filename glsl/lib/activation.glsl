@@ -1,6 +1,7 @@
 // lib/activation: pointwise activations and their derivatives.
 // `kind` must be a (specialisation) constant: then only the chosen branch is left after compilation.
 // Codes are those of `Activation::code` in kernels/src/nn/activation.rs.
+#include "lib/keep_nan.glsl"
 
 // Normal distribution function; erfc by Abramowitz & Stegun 1964, 7.1.26: absolute error 1.5e-7, none left far below 0.
 float normal_cdf(float x) {
@@ -13,7 +14,7 @@ float normal_cdf(float x) {
 
 float activate(uint kind, float x) {
     if (kind == 1u) {
-        return x <= 0.0 ? 0.0 : x;
+        return keep_nan(x, max(x, 0.0));
     }
     if (kind == 2u) {
         return x / (1.0 + exp(-1.702 * x));
@@ -26,7 +27,7 @@ float activate(uint kind, float x) {
 
 float activate_grad(uint kind, float x) {
     if (kind == 1u) {
-        return x <= 0.0 ? 0.0 : 1.0;
+        return x > 0.0 || isnan(x) ? 1.0 : 0.0;
     }
     if (kind == 2u) {
         float s = 1.0 / (1.0 + exp(-1.702 * x));

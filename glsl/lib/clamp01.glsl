@@ -1,6 +1,8 @@
 // Clamp to [0, 1] that keeps NaN, and its derivative: 1 inside and at both ends, 0 outside and for NaN.
+#include "lib/keep_nan.glsl"
+
 vec3 clamp01(vec3 v) {
-    return mix(mix(v, vec3(0.0), lessThan(v, vec3(0.0))), vec3(1.0), greaterThan(v, vec3(1.0)));
+    return keep_nan(v, clamp(v, vec3(0.0), vec3(1.0)));
 }
 
 vec3 clamp01_gate(vec3 v, vec3 v_clamped) {

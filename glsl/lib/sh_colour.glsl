@@ -21,7 +21,8 @@ vec3 sh_raw_colour(vec4 h[12], float y[16], uint degree) {
 }
 
 // `v` where the colour before the clamp lets it pass: not below zero, as in Kerbl et al. 2023. NaN passes, so that it
-// shows; max() may drop it.
+// shows.
 vec3 sh_unclamped(vec3 raw, vec3 v) {
-    return mix(v, vec3(0.0), lessThan(raw, vec3(0.0)));
+    vec3 above = mix(v, vec3(0.0), lessThan(raw, vec3(0.0)));
+    return mix(above, v, isnan(raw));
 }

@@ -21,6 +21,7 @@ layout(set = 0, binding = 2) writeonly buffer Y { vec4 y[]; };
 #define CONV3D_SOURCE(i) texel_load(x, i)
 #define CONV3D_WEIGHT(i) texel_load(weight, i)
 #include "lib/conv3d.glsl"
+#include "lib/keep_nan.glsl"
 #include "lib/conv3d_block.glsl"
 
 void main() {
@@ -52,7 +53,7 @@ void main() {
             uint at = uint((frame * p.height + row) * p.width + column + b * 8) * WIDTH4 + first;
             [[unroll]] for (uint c = 0; c < BLOCK4; c++) {
                 vec4 v = vec4(acc[b][c * 4], acc[b][c * 4 + 1], acc[b][c * 4 + 2], acc[b][c * 4 + 3]);
-                y[at + c] = RELU == 0 ? v : mix(v, vec4(0.0), lessThan(v, vec4(0.0)));
+                y[at + c] = RELU == 0 ? v : keep_nan(v, max(v, vec4(0.0)));
             }
         }
     }

@@ -43,6 +43,7 @@ void main() {
 }
 #else
 #include "lib/conv3d.glsl"
+#include "lib/keep_nan.glsl"
 #define CONV3D_TAP(oy, ox) ((oy) * 3 + (ox))
 #define FOLD_ROWS(acc)
 #include "lib/conv3d_coop.glsl"
@@ -72,7 +73,7 @@ void store(uint lane, uint patch0, ivec3 pixel, int first) {
             vec4 v = patch_texel(patch0 + e * 4);
             v += BIAS == 0 ? vec4(0.0) : weight[27 * int(DEPTH4 * WIDTH4) * 4 + texel];
             int at = ((pixel.z * p.height + pixel.y) * p.width + column) * int(WIDTH4) + texel;
-            y[at] = RELU == 0 ? v : mix(v, vec4(0.0), lessThan(v, vec4(0.0)));
+            y[at] = RELU == 0 ? v : keep_nan(v, max(v, vec4(0.0)));
         }
     }
 }

@@ -17,6 +17,7 @@ layout(set = 0, binding = 0) readonly buffer X { vec4 x[]; };
 layout(set = 0, binding = 1) readonly buffer Weight { vec4 weight[]; };
 layout(set = 0, binding = 2) writeonly buffer Y { vec4 y[]; };
 #include "lib/conv3d.glsl"
+#include "lib/keep_nan.glsl"
 #define CONV3D_GATHER(column, row, dx, dy) halo[((row) + (dy)) * HALO_W + (column) + (dx)]
 #include "lib/conv3d_halo.glsl"
 
@@ -59,7 +60,7 @@ void main() {
             int at = ((frame * p.height + row) * p.width + column) * int(WIDTH4) + first;
             [[unroll]] for (int c = 0; c < int(BLOCK4); ++c) {
                 vec4 v = vec4(acc[b][c * 4], acc[b][c * 4 + 1], acc[b][c * 4 + 2], acc[b][c * 4 + 3]);
-                y[at + c] = RELU == 0 ? v : mix(v, vec4(0.0), lessThan(v, vec4(0.0)));
+                y[at + c] = RELU == 0 ? v : keep_nan(v, max(v, vec4(0.0)));
             }
         }
     }

@@ -8,6 +8,7 @@
 //   bound: largest magnitude that a parameter has after the step; NaN stays
 //   in   rates: a factor on both rates for each row, from row first_row on (RATED)
 #include "lib/grid.glsl"
+#include "lib/keep_nan.glsl"
 layout(local_size_x = 64) in;
 #include "lib/texels.glsl"
 layout(constant_id = 0) const uint ROW = 1;
@@ -43,5 +44,5 @@ void main() {
 #endif
     vec4 moved = p.keep * texel_load(param_before, at) - lr * (first / p.bias1) / (sqrt(second / p.bias2) + p.eps);
     vec4 bound = vec4(p.bound);
-    param[i] = mix(mix(moved, bound, greaterThan(moved, bound)), -bound, lessThan(moved, -bound));
+    param[i] = keep_nan(moved, clamp(moved, -bound, bound));
 }

@@ -4,7 +4,7 @@ use guard4d_engine::error::EngineError;
 use guard4d_kernels::KernelError;
 use guard4d_kernels::vk::{DeviceKind, MemoryPropertyFlags as Property, MemoryType, MemoryUse, work_memory};
 
-use crate::support::gpu::own_device;
+use crate::support::gpu::{own_device, staged_device};
 
 const LOCAL: Property = Property::DEVICE_LOCAL;
 const HOST: Property = Property::from_raw(Property::HOST_VISIBLE.as_raw() | Property::HOST_COHERENT.as_raw());
@@ -141,6 +141,22 @@ fn a_budget_refuses_what_would_break_it_and_nothing_else() {
     assert!(gpu.memory_use().peak_reserved_bytes <= budget, "{:?}", gpu.memory_use());
     assert_eq!(small[0].read_range(0..1).expect("reads"), [0.0], "what was there is as it was");
     drop((first, last));
+}
+
+#[test]
+fn new_buffers_are_zero_whatever_lay_there() {
+    for gpu in [own_device(), staged_device()] {
+        let Some(gpu) = gpu else { return };
+        // In a block, in memory of its own, and with padding to a whole texel.
+        for len in [3, 64, 1 << 19] {
+            drop(gpu.buffer_from("before", &vec![7.0f32; len]).expect("buffer"));
+            let after = gpu.buffer::<f32>("after", len).expect("buffer");
+            assert_eq!(after.read().expect("read"), vec![0.0; len]);
+            let data: Vec<f32> = (0..len).map(|i| i as f32 + 0.5).collect();
+            drop(gpu.buffer_from("before", &vec![7.0f32; len]).expect("buffer"));
+            assert_eq!(gpu.buffer_from("data", &data).expect("buffer").read().expect("read"), data);
+        }
+    }
 }
 
 #[test]

@@ -8,6 +8,7 @@ pub mod column_sum;
 pub mod conv2d;
 pub mod conv3d;
 pub mod embedding;
+pub mod half_check;
 pub mod l2_normalize;
 pub mod layer_norm;
 pub mod matmul;

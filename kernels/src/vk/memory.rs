@@ -16,6 +16,8 @@ const BLOCK_BYTES: std::ops::RangeInclusive<u64> = 4 << 20..=64 << 20;
 /// Buffers of at least this many bytes take memory of their own where the driver grants allocations enough: in blocks
 /// they would leave gaps between them when some of them go, and keep blocks of which little is in use.
 const OWN_BYTES: u64 = 4 << 10;
+/// The same on a card, where each allocation is a call into the operating system, and gaps cost less than those.
+const OWN_BYTES_OF_CARD: u64 = 1 << 20;
 
 /// What a buffer is for, which decides where it lives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,6 +71,8 @@ pub(super) struct Memory {
     used: MemoryUse,
     /// Buffers of at least so many bytes get memory of their own, others share blocks.
     own_bytes: u64,
+    /// Least value of `own_bytes`.
+    least_own_bytes: u64,
     /// Bytes of the largest block.
     block_bytes: u64,
     /// Allocations that may be made for single buffers.
@@ -108,7 +112,9 @@ impl Memory {
         })
         .map_err(|e| KernelError::Allocation { name: "allocator".into(), bytes: 0, reason: e.to_string() })?;
         let used = MemoryUse::default();
-        let mut memory = Self { allocator, work, used, own_bytes: 0, block_bytes, granted, budget: None };
+        let least_own_bytes = if kind == DeviceKind::Discrete { OWN_BYTES_OF_CARD } else { OWN_BYTES };
+        let mut memory =
+            Self { allocator, work, used, own_bytes: 0, least_own_bytes, block_bytes, granted, budget: None };
         memory.expect(largest_heap);
         Ok(memory)
     }
@@ -121,7 +127,7 @@ impl Memory {
 
     /// Chooses what gets memory of its own so that `bytes` in such buffers are few enough allocations.
     fn expect(&mut self, bytes: u64) {
-        self.own_bytes = (bytes / self.granted).clamp(OWN_BYTES, self.block_bytes);
+        self.own_bytes = (bytes / self.granted).clamp(self.least_own_bytes, self.block_bytes);
     }
 
     pub(super) fn budget(&self) -> Option<u64> {
@@ -137,8 +143,10 @@ impl Memory {
         purpose: Purpose,
     ) -> Result<Allocation, KernelError> {
         let size = requirements.size;
+        // What the host passes through comes and goes: a block that stays is cheaper than memory of its own each time.
+        let own_bytes = if purpose == Purpose::Work { self.own_bytes } else { self.block_bytes };
         // A large buffer surely takes memory of its own; a small one may find room in a block that is there.
-        let (held, allocation_scheme) = if size >= self.own_bytes {
+        let (held, allocation_scheme) = if size >= own_bytes {
             (self.used.reserved_bytes, AllocationScheme::DedicatedBuffer(buffer))
         } else {
             (self.used.live_bytes, AllocationScheme::GpuAllocatorManaged)

@@ -8,7 +8,7 @@ use ash::vk;
 use super::buffer::{Buffer, BufferInner, Element};
 use super::device::Device;
 use super::memory::Purpose;
-use super::recorder::copy_now;
+use super::recorder::{copy_now, zero_now};
 use crate::error::KernelError;
 
 impl Device {
@@ -31,7 +31,7 @@ impl Device {
 
     fn zeros<T: Element>(&self, name: &str, len: usize, purpose: Purpose) -> Result<Buffer<T>, KernelError> {
         let bytes = (len * size_of::<T>()) as u64;
-        let mut buffer = Buffer::of(BufferInner::new(self.inner(), name, bytes, purpose)?, len);
+        let buffer = Buffer::of(BufferInner::new(self.inner(), name, bytes, purpose)?, len);
         buffer.clear()?;
         Ok(buffer)
     }
@@ -41,8 +41,17 @@ impl Device {
     /// # Errors
     /// [`KernelError::Allocation`] when memory runs out.
     pub fn buffer_from<T: Element>(&self, name: &str, data: &[T]) -> Result<Buffer<T>, KernelError> {
-        let mut buffer = self.buffer(name, data.len())?;
-        buffer.write(data)?;
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        let mut buffer =
+            Buffer::of(BufferInner::new(self.inner(), name, bytes.len() as u64, Purpose::Work)?, data.len());
+        if bytes.len() as u64 == buffer.inner.bytes {
+            buffer.write_bytes(0, bytes)?;
+        } else {
+            // The padding to whole texels stays zero.
+            let mut padded = bytes.to_vec();
+            padded.resize(usize::try_from(buffer.inner.bytes).unwrap_or(usize::MAX), 0);
+            buffer.write_bytes(0, &padded)?;
+        }
         Ok(buffer)
     }
 }
@@ -101,9 +110,14 @@ impl<T: Element> Buffer<T> {
         self.write_bytes(self.byte_of(offset), bytemuck::cast_slice(data))
     }
 
-    fn clear(&mut self) -> Result<(), KernelError> {
-        let zeros = vec![0u8; usize::try_from(self.inner.bytes).unwrap_or(usize::MAX)];
-        self.write_bytes(0, &zeros)
+    /// Zeros, the padding among them. The device writes them itself where the host cannot: a card's bus is the slower
+    /// way, and staging as large as the buffer would count against the budget.
+    fn clear(&self) -> Result<(), KernelError> {
+        let Some(target) = self.inner.mapped() else { return zero_now(&self.inner) };
+        let bytes = usize::try_from(self.inner.bytes).unwrap_or(usize::MAX);
+        // SAFETY: `target` maps the whole buffer, which nothing has used yet.
+        unsafe { std::ptr::write_bytes(target, 0, bytes) };
+        Ok(())
     }
 
     fn write_bytes(&mut self, offset: usize, bytes: &[u8]) -> Result<(), KernelError> {

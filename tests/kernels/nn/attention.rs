@@ -200,6 +200,12 @@ fn half_precision_moves_results_by_its_rounding_alone() {
 }
 
 #[test]
+fn a_device_whose_attention_is_right_in_half_precision_may_be_used() {
+    let Some(gpu) = half_device() else { return };
+    guard4d_kernels::nn::half_check::check_attention(&gpu).expect("as the tests around this one find it");
+}
+
+#[test]
 fn half_precision_keeps_small_gradients() {
     let Some(gpu) = half_device() else { return };
     let s = halved(shape(1, 1, 64, 70, Mask::Full));

@@ -6,6 +6,7 @@
 use std::path::{Path, PathBuf};
 
 use guard4d_kernels::Device;
+use guard4d_kernels::nn::half_check::check_attention;
 use guard4d_kernels::nn::pack::Precision;
 
 use super::config::ClipConfig;
@@ -133,8 +134,12 @@ impl ClipModel {
     /// Puts the image tower on the device.
     ///
     /// # Errors
-    /// When memory runs out.
+    /// When memory runs out; [`KernelError::Unsuitable`](guard4d_kernels::KernelError::Unsuitable) where 16-bit floats
+    /// are asked of a device that computes attention wrongly in them.
     pub fn vision(&self, purpose: TowerPurpose) -> Result<VisionTower, EngineError> {
+        if self.precision == Precision::Half {
+            check_attention(&self.device)?;
+        }
         VisionTower::load(&self.device, &self.weights, &self.config, purpose, self.precision)
     }
 

@@ -10,6 +10,6 @@ mod timings;
 pub use bound::{Bindings, Bound};
 pub use grid::Grid;
 pub use record::Recorder;
-pub(super) use record::copy_now;
+pub(super) use record::{copy_now, zero_now};
 pub use section::Section;
 pub use timings::{PassTime, Timings, last_finished};

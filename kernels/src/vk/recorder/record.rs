@@ -142,13 +142,16 @@ impl Recorder {
 
     /// Sets every element to `value`.
     pub fn fill<T: Element>(&mut self, buffer: &mut Buffer<T>, value: T) {
-        let bound = [Bound::write(buffer)];
-        self.synchronise(&bound);
-        let bits = bytemuck::cast(value_bytes(value));
-        let Place { offset, bytes } = buffer.place();
+        self.fill_place(&buffer.inner, buffer.place(), bytemuck::cast(value_bytes(value)));
+    }
+
+    fn fill_place(&mut self, buffer: &Arc<BufferInner>, place: Place, bits: u32) {
+        let format = vk::Format::UNDEFINED;
+        self.synchronise(&[Bound { buffer: Arc::clone(buffer), place, format, writes: true }]);
         // SAFETY: recording is open; the buffer is kept alive until the fence.
         unsafe {
-            self.device().raw.cmd_fill_buffer(self.commands(), buffer.inner.handle, offset, bytes, bits);
+            let raw = &self.device().raw;
+            raw.cmd_fill_buffer(self.commands(), buffer.handle, place.offset, place.bytes, bits);
         }
         self.end_pass("fill");
     }
@@ -315,6 +318,13 @@ pub(crate) fn copy_now(
 ) -> Result<(), KernelError> {
     let mut recorder = Recorder::new(&from.device)?;
     recorder.copy_region(from, to, region);
+    recorder.submit().map(drop)
+}
+
+/// Zeroes a whole buffer in a submission of its own.
+pub(crate) fn zero_now(buffer: &Arc<BufferInner>) -> Result<(), KernelError> {
+    let mut recorder = Recorder::new(&buffer.device)?;
+    recorder.fill_place(buffer, buffer.whole(), 0);
     recorder.submit().map(drop)
 }
 
