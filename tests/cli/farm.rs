@@ -169,7 +169,7 @@ fn embeddings_of_one_process_stop_go_on_and_give_the_bytes_of_commands() {
     put(folder.path(), "owner.key", &key_file(&clip).to_bytes().expect("serialises"));
     let manifest = folder.path().join("jobs.csv");
     let run = || super::command(&[&"farm", &"run", &manifest, &"--json"]);
-    let stopped = super::interrupted(run(), "TERM", || super::is_begun(folder.path(), "one"));
+    let stopped = super::interrupted(run(), "XCPU", || super::is_begun(folder.path(), "one"));
     assert_eq!((stopped.code, &json(&stopped)["left"]), (75, &2.into()), "{}", stopped.stderr);
     assert!(!names(folder.path()).iter().any(|name| name.contains("partial")), "{:?}", names(folder.path()));
     let status = guard4d(&[&"farm", &"status", &manifest, &"--json"]);

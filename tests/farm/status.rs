@@ -1,7 +1,9 @@
 //! Status: rows by what their records say of the settings that they have now.
 
+use std::collections::BTreeMap;
+
 use guard4d_engine::farm::journal::{Journal, Record, State};
-use guard4d_engine::farm::status::Status;
+use guard4d_engine::farm::status::{Failure, Status};
 
 use super::Farm;
 
@@ -49,4 +51,28 @@ fn rows_are_counted_by_what_became_of_them() {
     journal.add(Record { state: State::Done, seconds: 50.0, ..begun }).expect("writable");
     let status = Status::of(&manifest).expect("readable");
     assert_eq!(status.seconds_left, Some(9.0), "three renders are left, of three seconds each");
+}
+
+#[test]
+fn a_monitor_reads_the_same_numbers() {
+    let failure = Failure { id: "a".to_owned(), error: "no such file".to_owned() };
+    let status = Status {
+        rows: 5,
+        done: 2,
+        failed: 1,
+        pending: 2,
+        seconds: 6.5,
+        failures: BTreeMap::from([(66, vec![failure])]),
+        ..Status::default()
+    };
+    let text = status.prometheus("a \"quoted\" farm.csv");
+    let has = |line: &str| assert!(text.lines().any(|l| l == line), "{line} in\n{text}");
+    has("# TYPE guard4d_farm_rows gauge");
+    has(r#"guard4d_farm_rows{manifest="a \"quoted\" farm.csv",state="done"} 2"#);
+    has(r#"guard4d_farm_rows{manifest="a \"quoted\" farm.csv",state="running"} 0"#);
+    has(r#"guard4d_farm_failed_rows{manifest="a \"quoted\" farm.csv",exit_code="66"} 1"#);
+    has(r#"guard4d_farm_work_seconds{manifest="a \"quoted\" farm.csv"} 6.5"#);
+    assert!(!text.contains("work_left"), "what is not known is not there");
+    let known = Status { seconds_left: Some(3.0), ..status };
+    assert!(known.prometheus("farm.csv").contains("guard4d_farm_work_left_seconds{manifest=\"farm.csv\"} 3\n"));
 }

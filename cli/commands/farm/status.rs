@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
+use guard4d_engine::base::output::{AtomicFile, Existing};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::farm::manifest::Manifest;
 use guard4d_engine::farm::status::Status;
@@ -26,6 +27,11 @@ pub(super) struct StatusArgs {
     /// Look again every two seconds, until no row is left
     #[arg(long)]
     watch: bool,
+    /// Also write the numbers for Prometheus, into the folder of node_exporter's textfile collector
+    ///
+    /// The file is replaced as a whole, with --watch at every look.
+    #[arg(long, value_name = "FILE.prom")]
+    metrics: Option<PathBuf>,
 }
 
 pub(super) fn run(args: &StatusArgs, common: &Common) -> Result<Outcome, EngineError> {
@@ -35,6 +41,10 @@ pub(super) fn run(args: &StatusArgs, common: &Common) -> Result<Outcome, EngineE
     }
     loop {
         let status = Status::of(&manifest)?;
+        if let Some(path) = &args.metrics {
+            let name = manifest.path().file_name().unwrap_or_default().to_string_lossy();
+            AtomicFile::write(path, Existing::Replace, status.prometheus(&name).as_bytes())?;
+        }
         print(common, &status, human)?;
         let Status { rows, done, failed, .. } = status;
         if !args.watch || done + failed == rows {

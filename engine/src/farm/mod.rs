@@ -6,6 +6,7 @@ pub mod claim;
 pub mod contents;
 pub mod journal;
 pub mod manifest;
+mod metrics;
 pub mod runner;
 pub mod selection;
 pub mod status;
