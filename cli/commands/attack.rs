@@ -42,6 +42,7 @@ pub(crate) struct AttackArgs {
 pub(crate) const FARM: FarmJob = FarmJob {
     command: "attack",
     has_input: true,
+    needs_device: true,
     arguments: out_and_input,
     reserved: &["out", "overwrite"],
     keep: keep_in_records,

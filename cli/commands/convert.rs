@@ -43,6 +43,7 @@ pub(crate) struct ConvertArgs {
 pub(crate) const FARM: FarmJob = FarmJob {
     command: "convert",
     has_input: true,
+    needs_device: false,
     arguments: |row, attempt| {
         let places = ["--".to_owned(), row.input.clone(), row.output.clone()];
         overwrite(attempt).into_iter().chain(places).collect()

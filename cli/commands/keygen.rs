@@ -42,6 +42,7 @@ pub(crate) struct KeygenArgs {
 pub(crate) const FARM: FarmJob = FarmJob {
     command: "keygen",
     has_input: false,
+    needs_device: true,
     arguments: out_and_input,
     reserved: &["out", "overwrite"],
     keep: keep_in_records,

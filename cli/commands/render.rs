@@ -31,6 +31,7 @@ pub(crate) struct RenderArgs {
 pub(crate) const FARM: FarmJob = FarmJob {
     command: "render",
     has_input: true,
+    needs_device: true,
     arguments: out_and_input,
     reserved: &["out", "overwrite"],
     keep: keep_in_records,

@@ -124,6 +124,7 @@ pub(crate) struct VerifyArgs {
 pub(crate) const FARM: FarmJob = FarmJob {
     command: "verify",
     has_input: true,
+    needs_device: true,
     arguments: |row, _| vec!["--".to_owned(), row.input.clone()],
     reserved: &["overwrite"],
     keep: |path, report| {

@@ -13,6 +13,8 @@ pub(crate) struct FarmJob {
     pub(crate) command: &'static str,
     /// Whether it reads something.
     pub(crate) has_input: bool,
+    /// Whether it may open a device.
+    pub(crate) needs_device: bool,
     /// Input and output of a row as the command takes them, with what the attempt says of earlier ones. Flags of the
     /// row's other columns come before them.
     pub(crate) arguments: fn(&Row, Attempt) -> Vec<String>,

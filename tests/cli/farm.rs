@@ -245,6 +245,71 @@ fn progress_is_told_as_openjd_reads_it() {
 }
 
 #[test]
+fn a_report_tells_failures_figures_and_pictures_in_one_page() {
+    let folder = farm("id,job,input,output\na,convert,m0.ply,a.glb\n<b>,convert,m1.ply,b.glb\n");
+    act(&folder, "report", &[]).refused(65, &["line 3: id"]);
+    put(folder.path(), "jobs.csv", b"id,job,input,output\na,convert,m0.ply,a.glb\nb,convert,none<i>.ply,b.glb\n");
+    assert_eq!(act(&folder, "run", &[]).code, 3);
+    let [page, csv] = ["report.html", "rows.csv"].map(|name| folder.path().join(name));
+    let [page_path, csv_path] = [&page, &csv].map(|path| path.display().to_string());
+    let report = act(&folder, "report", &["--json", "--out", &page_path, "--csv", &csv_path]);
+    assert_eq!(report.code, 3, "a row has failed: {}", report.stderr);
+    let told = json(&report);
+    assert_eq!((&told["status"]["done"], &told["jobs"][0]["job"]), (&1.into(), &"convert".into()));
+    let html = fs::read_to_string(&page).expect("made");
+    for words in ["SOME FAILED", "1 of 2 rows are done", "none&lt;i&gt;.ply", ">66<", "2 attempts by 1 workers"] {
+        assert!(html.contains(words), "{words}: {html}");
+    }
+    assert!(!html.contains("none<i>") && html.contains("script-src 'none'"), "nothing is run or fetched: {html}");
+    let csv = fs::read_to_string(&csv).expect("made");
+    assert!(csv.contains("a,convert,done,1,0,") && csv.contains("b,convert,failed,1,66,"), "{csv}");
+    assert!(folder.path().join("jobs.farm/ledger.sqlite").is_file(), "all records in one database");
+    act(&folder, "report", &["--out", &page_path]).refused(73, &["report.html", "exists"]);
+    // The run does not mistake it for a journal.
+    assert_eq!(act(&folder, "run", &[]).code, 3);
+}
+
+#[test]
+fn monitors_and_logs_are_told_in_their_own_ways() {
+    let folder = farm("id,job,input,output\na,convert,m0.ply,a.glb\nb,convert,none.ply,b.glb\n");
+    let run = act(&folder, "run", &["--progress", "json"]);
+    assert_eq!(run.code, 3, "{}", run.stderr);
+    let lines: Vec<Value> = run.stderr.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+    let events: Vec<[&Value; 3]> =
+        lines.iter().map(|line| [&line["event"], &line["row"], &line["exit_code"]]).collect();
+    let [begins, ends, none] = ["begins".into(), "ends".into(), Value::Null];
+    let [a, b, zero, missing] = ["a".into(), "b".into(), 0.into(), 66.into()];
+    let expected: [[&Value; 3]; 4] =
+        [[&begins, &a, &none], [&begins, &b, &none], [&ends, &a, &zero], [&ends, &b, &missing]];
+    let mut sorted = events.clone();
+    sorted.sort_by_key(|event| (event[0].to_string(), event[1].to_string()));
+    assert_eq!(sorted, expected, "{}", run.stderr);
+    assert_eq!(lines.last().map(|line| [&line["done"], &line["of"]]), Some([&2.into(), &2.into()]));
+
+    let metrics = folder.path().join("guard4d.prom");
+    assert_eq!(act(&folder, "status", &["--metrics", &metrics.display().to_string()]).code, 3);
+    let text = fs::read_to_string(&metrics).expect("made");
+    assert!(text.contains("guard4d_farm_rows{manifest=\"jobs.csv\",state=\"done\"} 1\n"), "{text}");
+
+    // A Slurm whose jobs have comments.
+    let said = folder.path().join("said");
+    let scontrol = stub("scontrol", &format!("echo \"$@\" >> {}", said.display()));
+    let manifest = folder.path().join("jobs.csv");
+    let mut command = super::command(&[&"farm", &"run", &manifest, &NO_DEVICE[0], &NO_DEVICE[1], &"--retry-failed"]);
+    let path = format!("{}:{}", scontrol.path().display(), std::env::var("PATH").expect("a shell's"));
+    command.env("PATH", path).env("SLURM_JOB_ID", "42");
+    assert_eq!(Run::of(command.output().expect("the program starts")).code, 3);
+    let comment = || fs::read_to_string(&said).unwrap_or_default();
+    // The controller answers when it likes.
+    for _ in 0..100 {
+        if comment().is_empty() {
+            std::thread::sleep(std::time::Duration::from_millis(20));
+        }
+    }
+    assert!(comment().starts_with("update jobid=42 comment=rows 0/2\n"), "{}", comment());
+}
+
+#[test]
 fn runs_that_are_killed_lose_nothing_and_leave_nothing() {
     const ROWS: usize = 16;
     // Folders of files, whose making takes long enough to be caught at.

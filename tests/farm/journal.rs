@@ -4,7 +4,8 @@ use std::fs::{self, OpenOptions};
 use std::io::Write as _;
 
 use guard4d_engine::base::digest::Digest;
-use guard4d_engine::farm::journal::{Journal, Record, State};
+use guard4d_engine::farm::journal::Journal;
+use guard4d_engine::farm::record::{Record, State};
 
 fn record(id: &str, attempt: u32, state: State) -> Record {
     Record { state, ..Record::begun(id, "render", attempt, Digest::of(b"settings"), "one") }
@@ -15,16 +16,16 @@ fn the_last_attempt_holds_and_of_one_attempt_how_it_ended() {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let open = |name: &str| Journal::open(folder.path(), name).expect("readable");
     let (mut one, mut other) = (open("one"), open("other"));
-    one.add(record("a", 1, State::Running)).expect("writable");
-    one.add(record("a", 1, State::Failed)).expect("writable");
+    one.add(&[record("a", 1, State::Running)]).expect("writable");
+    one.add(&[record("a", 1, State::Failed)]).expect("writable");
     assert!(other.last("a").is_none(), "not read yet");
     other.refresh().expect("readable");
     assert_eq!(other.last("a").map(|record| record.state), Some(State::Failed));
-    other.add(record("a", 2, State::Running)).expect("writable");
+    other.add(&[record("a", 2, State::Running)]).expect("writable");
     one.refresh().expect("readable");
     assert_eq!(one.last("a").map(|record| (record.attempt, record.state)), Some((2, State::Running)));
     // Whatever the order of files and lines.
-    one.add(record("a", 1, State::Done)).expect("writable");
+    one.add(&[record("a", 1, State::Done)]).expect("writable");
     for journal in [&one, &open("third")] {
         assert_eq!(journal.last("a").map(|record| record.attempt), Some(2));
     }
@@ -34,7 +35,7 @@ fn the_last_attempt_holds_and_of_one_attempt_how_it_ended() {
 fn a_line_that_was_cut_off_is_none_and_another_is_an_error() {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let mut journal = Journal::open(folder.path(), "one").expect("readable");
-    journal.add(record("a", 1, State::Done)).expect("writable");
+    journal.add(&[record("a", 1, State::Done)]).expect("writable");
     let line = fs::read(folder.path().join("one.jsonl")).expect("readable");
     let cut = folder.path().join("cut.jsonl");
     fs::write(&cut, &line[..line.len() / 2]).expect("writable");

@@ -3,6 +3,7 @@
 mod claim;
 mod contents;
 mod journal;
+mod ledger;
 mod manifest;
 mod runner;
 mod selection;

@@ -5,8 +5,9 @@ use std::fs;
 use std::sync::Mutex;
 
 use guard4d_engine::error::EngineError;
-use guard4d_engine::farm::journal::{Journal, Record, State};
+use guard4d_engine::farm::journal::Journal;
 use guard4d_engine::farm::manifest::{Manifest, Row};
+use guard4d_engine::farm::record::{Record, State};
 use guard4d_engine::farm::runner::{Attempt, Ended, Jobs, Policy, Summary, Worker};
 use guard4d_engine::farm::selection::Selection;
 use guard4d_kernels::KernelError;
@@ -24,6 +25,8 @@ struct Copying<'a> {
     all: Option<&'a Mutex<Vec<String>>>,
     forgotten: usize,
     is_stopped: bool,
+    /// How many light rows were done at once, each time.
+    at_once: Vec<usize>,
 }
 
 impl Jobs for Copying<'_> {
@@ -57,6 +60,15 @@ impl Jobs for Copying<'_> {
         Ok(Ended { exit_code: u8::from(shortfall.is_some()), shortfall, result: Value::Null })
     }
 
+    fn is_light(&self, row: &Row) -> bool {
+        row.columns.contains_key("light")
+    }
+
+    fn run_at_once(&mut self, rows: &[(&Row, Attempt)]) -> Vec<Result<Ended, EngineError>> {
+        self.at_once.push(rows.len());
+        rows.iter().map(|(row, attempt)| self.run(row, *attempt)).collect()
+    }
+
     fn notes(&self, row: &Row) -> BTreeMap<String, String> {
         row.columns.clone()
     }
@@ -85,6 +97,14 @@ fn run_with(manifest: &Manifest, policy: Policy, jobs: &mut Copying<'_>) -> Summ
     let places = Selection::default().places(manifest).expect("all rows");
     let mut watch = |_: guard4d_engine::farm::runner::Event<'_>| ();
     Worker::new(manifest, policy, jobs, &mut watch).and_then(|mut worker| worker.run(&places)).expect("writable")
+}
+
+/// All that workers wrote down.
+fn records(farm: &Farm) -> Vec<Record> {
+    let state = farm.manifest().state();
+    let files = names(&state).into_iter().filter(|name| name.ends_with(".jsonl"));
+    let texts: String = files.map(|name| fs::read_to_string(state.join(name)).expect("readable")).collect();
+    texts.lines().map(|line| serde_json::from_str(line).expect("a record")).collect()
 }
 
 /// Names of the rows that were tried.
@@ -142,7 +162,9 @@ fn a_row_that_fails_stops_only_those_that_need_it() {
     let journal = Journal::open(&farm.manifest().state(), "reader").expect("readable");
     let record = journal.last("bad").expect("a record");
     assert_eq!((record.state, record.exit_code, record.attempt), (State::Failed, Some(66), 2));
-    assert_eq!(record.notes["does"], "fail", "columns that the job does not know");
+    let lines = records(&farm);
+    let noted = lines.iter().find(|record| record.id == "bad").expect("a record");
+    assert_eq!(noted.notes["does"], "fail", "columns that the job does not know");
 }
 
 #[test]
@@ -194,10 +216,37 @@ fn what_was_broken_off_is_gone_on_with() {
     farm.put("1", "old");
     let manifest = farm.manifest();
     let begun = Record::begun("a", "copy", 1, manifest.rows()[0].settings_hash(), "killed");
-    Journal::open(&manifest.state(), "killed").expect("readable").add(begun).expect("writable");
+    Journal::open(&manifest.state(), "killed").expect("readable").add(&[begun]).expect("writable");
     let (summary, ran) = run(&farm, Policy::default());
     assert_eq!((summary.done, ran[0].1), (1, Attempt { number: 2, replaces: true, goes_on: true }));
     assert_eq!(fs::read(farm.at("1")).expect("made"), b"new");
+}
+
+#[test]
+fn light_rows_are_done_several_at_once_and_recorded_each() {
+    let light: Vec<String> =
+        (0..11).map(|n| format!("l{n},copy,x,{n}.out,yes,{}", if n == 3 { "fail" } else { "" })).collect();
+    let mut lines = vec!["id,job,input,output,light,does", "heavy,copy,x,h.out,,", "reads,copy,10.out,r.out,yes,"];
+    lines.extend(light.iter().map(String::as_str));
+    let farm = Farm::new(&lines);
+    farm.put("x", "1");
+    let mut jobs = Copying { folder: farm.folder.path().to_path_buf(), ..Copying::default() };
+    let summary = run_with(&farm.manifest(), Policy::default(), &mut jobs);
+    assert_eq!((summary.done, summary.failed.len(), summary.left), (12, 1, 0), "one that fails stops no other");
+    assert_eq!(jobs.at_once, [8, 3], "of eleven; the one that reads another's output comes alone, after it");
+    assert_eq!(fs::read(farm.at("r.out")).expect("made"), b"1");
+    let records = records(&farm);
+    for id in ["heavy", "reads", "l0", "l10"] {
+        let states: Vec<State> = records.iter().filter(|record| record.id == id).map(|record| record.state).collect();
+        assert_eq!(states, [State::Running, State::Done], "{id}");
+    }
+    assert_eq!(names(&farm.manifest().state().join("claims")), Vec::<String>::new(), "no claim is left");
+
+    // Asked to stop in the middle of several.
+    let farm = Farm::new(&["id,job,input,output,light,does", "a,copy,x,1,yes,", "b,copy,x,2,yes,stop", "c,copy,x,3,,"]);
+    farm.put("x", "1");
+    let (summary, _) = run(&farm, Policy::default());
+    assert_eq!((summary.done, summary.left, summary.is_interrupted), (2, 1, true), "{summary:?}");
 }
 
 #[test]

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use guard4d_engine::farm::journal::{Journal, Record, State};
+use guard4d_engine::farm::journal::Journal;
+use guard4d_engine::farm::record::{Record, State};
 use guard4d_engine::farm::status::{Failure, Status};
 
 use super::Farm;
@@ -28,7 +29,7 @@ fn rows_are_counted_by_what_became_of_them() {
         let settings = if id == "changed" { manifest.rows()[0].settings_hash() } else { row.settings_hash() };
         let error = exit_code.map(|_| "no such file".to_owned());
         let begun = Record::begun(id, &row.job, 1, settings, "one");
-        journal.add(Record { state, seconds, exit_code, error, ..begun }).expect("writable");
+        journal.add(&[Record { state, seconds, exit_code, error, ..begun }]).expect("writable");
     };
     say("done", State::Done, 2.0, None);
     say("slow", State::Done, 4.0, None);
@@ -48,7 +49,7 @@ fn rows_are_counted_by_what_became_of_them() {
     assert_eq!(status.failures[&66][0].error, "no such file");
     let row = &manifest.rows()[4];
     let begun = Record::begun("stopped", "embed", 2, row.settings_hash(), "one");
-    journal.add(Record { state: State::Done, seconds: 50.0, ..begun }).expect("writable");
+    journal.add(&[Record { state: State::Done, seconds: 50.0, ..begun }]).expect("writable");
     let status = Status::of(&manifest).expect("readable");
     assert_eq!(status.seconds_left, Some(9.0), "three renders are left, of three seconds each");
 }

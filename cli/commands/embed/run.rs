@@ -47,6 +47,7 @@ struct Printed<'a> {
 pub(crate) const FARM: FarmJob = FarmJob {
     command: "embed",
     has_input: true,
+    needs_device: true,
     arguments: |row, attempt| {
         // Of the same row with the same settings.
         let goes_on = attempt.goes_on && checkpoint::path_beside(Path::new(&row.output)).exists();

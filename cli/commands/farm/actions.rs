@@ -4,7 +4,7 @@ use clap::{Args, Command, Subcommand};
 use guard4d_engine::error::EngineError;
 
 use super::job::Dispatch;
-use super::{init, plan, run, status, submit};
+use super::{init, plan, report, run, status, submit};
 use crate::flags::common::Common;
 use crate::ui::outcome::Outcome;
 
@@ -28,6 +28,10 @@ enum Action {
     Run(run::RunArgs),
     /// Says how far a manifest is
     Status(status::StatusArgs),
+    /// Tells what became of a manifest: a page, and all records in one database
+    ///
+    /// Records of all workers are merged into `ledger.sqlite` beside them.
+    Report(report::ReportArgs),
     /// Hands a manifest to a scheduler: a Slurm array, or an OpenJD template
     Submit(submit::SubmitArgs),
 }
@@ -43,6 +47,7 @@ pub(crate) fn run(
         Action::Plan(args) => plan::run(args, common, command),
         Action::Run(args) => run::run(args, common, command, dispatch),
         Action::Status(args) => status::run(args, common),
+        Action::Report(args) => report::run(args, common),
         Action::Submit(args) => submit::run(args, common),
     }
 }

@@ -16,22 +16,40 @@ use crate::shared::farm_job::FarmJob;
 use crate::ui::outcome::Outcome;
 
 /// Runs a command that was parsed; `Common` is what all rows have in common.
-pub(crate) type Dispatch<'a> = &'a dyn Fn(&ArgMatches, Common) -> Result<Outcome, EngineError>;
+pub(crate) type Dispatch<'a> = &'a (dyn Fn(&ArgMatches, Common) -> Result<Outcome, EngineError> + Sync);
 
 /// What rows can ask for.
 const JOBS: [&FarmJob; 6] =
     [&keygen::FARM, &embed::run::FARM, &verify::FARM, &render::FARM, &attack::FARM, &convert::FARM];
 
+/// Largest input of a light row: eight are done at once, and models take a few times the size of their file.
+const LIGHT_BYTES: u64 = 16 << 20;
+
 /// Flags of every command that a row has no say in: the farm has one device, and keeps the results.
-const OF_THE_FARM: [&str; 9] =
-    ["device", "help", "json", "kernels", "precision", "quiet", "verbose", "version", "vram-budget"];
+const OF_THE_FARM: [&str; 10] =
+    ["device", "help", "json", "kernels", "log-format", "precision", "quiet", "verbose", "version", "vram-budget"];
 
 /// The command line, and what is known of its flags.
 pub(super) struct CommandLine {
     command: Command,
     flags: BTreeMap<&'static str, BTreeMap<String, Kind>>,
     /// Jobs with columns that were parsed without a mistake, and whether they had no input.
-    good: BTreeSet<(String, bool, BTreeMap<String, String>)>,
+    good: BTreeSet<Flags>,
+    last_good: Option<Flags>,
+}
+
+/// What says whether a row's flags are right.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord)]
+struct Flags {
+    job: String,
+    has_no_input: bool,
+    columns: BTreeMap<String, String>,
+}
+
+impl Flags {
+    fn are_of(&self, row: &Row) -> bool {
+        self.job == row.job && self.has_no_input == row.input.is_empty() && self.columns == row.columns
+    }
 }
 
 /// What a flag takes.
@@ -60,16 +78,21 @@ impl CommandLine {
             (job.command, known.collect())
         };
         let flags = JOBS.iter().map(flags_of).collect();
-        Self { command, flags, good: BTreeSet::new() }
+        Self { command, flags, good: BTreeSet::new(), last_good: None }
     }
 
     /// Finds mistakes in a row. What was found good in one row is good in all: paths may be anything.
     pub(super) fn check(&mut self, manifest: &Path, row: &Row) -> Result<(), EngineError> {
-        let seen = (row.job.clone(), row.input.is_empty(), row.columns.clone());
+        // Rows beside each other are alike more often than not.
+        if self.last_good.as_ref().is_some_and(|last| last.are_of(row)) {
+            return Ok(());
+        }
+        let seen = Flags { job: row.job.clone(), has_no_input: row.input.is_empty(), columns: row.columns.clone() };
         if !self.good.contains(&seen) {
             self.parse(manifest, row, Attempt { number: 1, replaces: false, goes_on: false })?;
-            self.good.insert(seen);
+            self.good.insert(seen.clone());
         }
+        self.last_good = Some(seen);
         Ok(())
     }
 
@@ -112,6 +135,15 @@ impl CommandLine {
             let first = said.lines().next().unwrap_or_default().trim_start_matches("error: ");
             bad("columns", first, &format!("flags of `guard4d {}`", job.command))
         })
+    }
+
+    /// Whether a row needs neither a device nor much memory.
+    pub(super) fn is_light(&self, manifest: &Path, row: &Row) -> bool {
+        let is_small = || {
+            let input = manifest.parent().unwrap_or(Path::new("")).join(&row.input);
+            std::fs::metadata(input).is_ok_and(|data| data.is_file() && data.len() <= LIGHT_BYTES)
+        };
+        JOBS.iter().any(|job| job.command == row.job && !job.needs_device) && is_small()
     }
 
     /// Columns that the row's job has no flag for.

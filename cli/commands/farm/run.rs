@@ -1,10 +1,11 @@
 //! `guard4d farm run`
 
 use std::collections::BTreeMap;
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use clap::{Args, Command};
+use clap::{ArgMatches, Args, Command};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::farm::manifest::{Manifest, Row};
 use guard4d_engine::farm::runner::{Attempt, Ended, Event, Jobs, Policy, Summary, Worker};
@@ -12,16 +13,14 @@ use guard4d_engine::farm::selection::{RowNumbers, Selection, Shard};
 use serde::Serialize;
 
 use super::job::{CommandLine, Dispatch};
+use super::tell::{Teller, Watcher};
 use crate::flags::common::Common;
 use crate::flags::overwrite::Overwrite;
+use crate::shared::farm_job::FarmJob;
 use crate::shared::session::Session;
 use crate::ui::outcome::Outcome;
-use crate::ui::progress::bar;
-use crate::ui::report::{print, print_text, say, table};
+use crate::ui::report::{print, table};
 use crate::ui::stop;
-
-/// Set by OpenJD for whatever runs in a session.
-const OPENJD_SESSION: &str = "OPENJD_SESSION_WORKING_DIR";
 
 /// Which rows are done, and what happens when some fail.
 #[derive(Args, Debug)]
@@ -48,6 +47,9 @@ pub(super) struct RunArgs {
     /// Begin no other row once as many have failed
     #[arg(long, value_name = "N")]
     max_failures: Option<usize>,
+    /// Who is told how far it is
+    #[arg(long, value_enum, value_name = "WATCHER", default_value = "auto")]
+    progress: Watcher,
     #[command(flatten)]
     overwrite: Overwrite,
 }
@@ -83,7 +85,7 @@ pub(super) fn run(
     stop::listen(common);
     // Paths of rows are relative to the manifest, whichever flag they stand behind.
     std::env::set_current_dir(manifest.folder()).map_err(io)?;
-    let progress = bar(common, places.len() as u64);
+    let mut teller = Teller::new(args.progress, common, places.len());
     let session = Arc::new(Session::default());
     let shared = Common { quiet: common.verbose == 0, session: Some(Arc::clone(&session)), ..common.clone() };
     let mut jobs = Commands { manifest: manifest.path(), command, shared, session, dispatch };
@@ -92,32 +94,14 @@ pub(super) fn run(
         replace: args.overwrite.is_asked(),
         max_failures: if args.fail_fast { Some(1) } else { args.max_failures },
     };
-    let in_openjd = std::env::var_os(OPENJD_SESSION).is_some();
-    let mut watch = |event: Event<'_>| match event {
-        Event::Begins(row) => progress.set_message(row.id.clone()),
-        Event::Ends(row, record) => {
-            progress.inc(1);
-            if in_openjd {
-                tell_openjd(progress.position(), progress.length().unwrap_or(1));
-            }
-            if let Some(error) = &record.error {
-                progress.suspend(|| say(&format!("{}: {error}", row.id)));
-            }
-        }
-    };
+    let mut watch = |event: Event<'_>| teller.tell(event);
     let summary = Worker::new(&manifest, policy, &mut jobs, &mut watch)?.run(&places)?;
-    progress.finish_and_clear();
+    drop(teller);
     let outcome = outcome(&summary);
     let Summary { done, already, failed, elsewhere, left, .. } = summary;
     let printed = Printed { done, already, failed: failed.into_iter().collect(), elsewhere, left };
     print(common, &printed, human)?;
     outcome
-}
-
-/// Says how far it is as OpenJD's runners read it from stdout (How Jobs Are Run, 2023-09).
-fn tell_openjd(done: u64, of: u64) {
-    // That nobody listens costs no row.
-    let _ = print_text(&format!("openjd_progress: {}\nopenjd_status: rows {done}/{of}\n", 100 * done / of.max(1)));
 }
 
 fn outcome(summary: &Summary) -> Result<Outcome, EngineError> {
@@ -149,14 +133,57 @@ struct Commands<'a> {
     dispatch: Dispatch<'a>,
 }
 
-impl Jobs for Commands<'_> {
-    fn run(&mut self, row: &Row, attempt: Attempt) -> Result<Ended, EngineError> {
+/// A row's command, ready to be run.
+struct Parsed {
+    job: &'static FarmJob,
+    matches: ArgMatches,
+    id: String,
+    output: PathBuf,
+}
+
+impl Commands<'_> {
+    fn parse(&mut self, row: &Row, attempt: Attempt) -> Result<Parsed, EngineError> {
         let (job, matches) = self.command.parse(self.manifest, row, attempt)?;
-        let outcome = (self.dispatch)(&matches, self.shared.clone())?;
-        let printed = self.session.take_result().unwrap_or_default();
-        let result = (job.keep)(Path::new(&row.output), printed)?;
+        Ok(Parsed { job, matches, id: row.id.clone(), output: PathBuf::from(&row.output) })
+    }
+}
+
+impl Parsed {
+    fn run(&self, shared: Common, session: &Session, dispatch: Dispatch<'_>) -> Result<Ended, EngineError> {
+        // What is logged meanwhile names the row, whatever the level.
+        let _row = tracing::error_span!("row", id = self.id).entered();
+        let outcome = dispatch(&self.matches, shared)?;
+        let printed = session.take_result().unwrap_or_default();
+        let result = (self.job.keep)(&self.output, printed)?;
         let shortfall = (outcome == Outcome::GateMissed).then(|| "the quality gate was missed".to_owned());
         Ok(Ended { exit_code: outcome.exit_code(), shortfall, result })
+    }
+}
+
+impl Jobs for Commands<'_> {
+    fn run(&mut self, row: &Row, attempt: Attempt) -> Result<Ended, EngineError> {
+        self.parse(row, attempt)?.run(self.shared.clone(), &self.session, self.dispatch)
+    }
+
+    fn is_light(&self, row: &Row) -> bool {
+        self.command.is_light(self.manifest, row)
+    }
+
+    fn run_at_once(&mut self, rows: &[(&Row, Attempt)]) -> Vec<Result<Ended, EngineError>> {
+        let parsed: Vec<_> = rows.iter().map(|(row, attempt)| self.parse(row, *attempt)).collect();
+        let (shared, dispatch) = (&self.shared, self.dispatch);
+        std::thread::scope(|scope| {
+            let start = |row: Result<Parsed, EngineError>| {
+                scope.spawn(move || {
+                    // What it prints is told apart from what the others print.
+                    let session = Arc::new(Session::default());
+                    let shared = Common { session: Some(Arc::clone(&session)), ..shared.clone() };
+                    row.and_then(|row| row.run(shared, &session, dispatch))
+                })
+            };
+            let running: Vec<_> = parsed.into_iter().map(start).collect();
+            running.into_iter().map(|row| row.join().unwrap_or_else(|cause| resume_unwind(cause))).collect()
+        })
     }
 
     fn notes(&self, row: &Row) -> BTreeMap<String, String> {

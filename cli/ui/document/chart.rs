@@ -123,6 +123,42 @@ pub(super) fn margins(margins: &[f64]) -> String {
     })
 }
 
+/// Something that took its time.
+pub(super) struct Bar {
+    /// Which line it stands in, from 0.
+    pub(super) line: usize,
+    /// When it began, seconds.
+    pub(super) from: f64,
+    /// When it ended, seconds.
+    pub(super) to: f64,
+    /// Whether it ended well.
+    pub(super) good: bool,
+}
+
+/// Bars in `lines` lines, over the seconds from 0 to the last end.
+pub(super) fn timeline(bars: &[Bar], lines: usize) -> String {
+    const LINE_PX: usize = 14;
+    let last = bars.iter().map(|bar| bar.to).fold(f64::MIN_POSITIVE, f64::max);
+    let (left, right) = (8.0, f64::from(WIDTH_PX) - 8.0);
+    let at = |second: f64| px(left + second / last * (right - left));
+    let below = u32::try_from(lines * LINE_PX).unwrap_or(u32::MAX);
+    let row = i32::try_from(below).unwrap_or(i32::MAX);
+    svg(below.saturating_add(28), |picture| {
+        for Bar { line, from, to, good } in bars {
+            let top = i32::try_from(line * LINE_PX).unwrap_or(i32::MAX);
+            let colour = if *good { GOOD } else { BAD };
+            // One of no length is seen, too.
+            picture.draw(&Rectangle::new(
+                [(at(*from), top + 2), (at(*to).max(at(*from) + 1), top + 12)],
+                colour.filled(),
+            ))?;
+        }
+        picture.draw(&PathElement::new([(px(left), row), (px(right), row)], BLACK))?;
+        picture.draw(&Text::new("0 s", (px(left), row + 14), style(HPos::Left)))?;
+        picture.draw(&Text::new(format!("{last:.0} s"), (px(right), row + 14), style(HPos::Right)))
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -136,6 +172,10 @@ mod tests {
         for (matches, num_bits) in [(0, 0), (0, 16), (16, 16)] {
             let picture = Share { matches, num_bits, band: Some((0, num_bits)), good: false }.svg();
             assert!(picture.contains("circle"), "{matches} of {num_bits}");
+        }
+        for (to, lines) in [(0.0, 1), (1e7, 40)] {
+            let picture = timeline(&[Bar { line: lines - 1, from: 0.0, to, good: true }], lines);
+            assert!(picture.contains("<rect") && !picture.contains("NaN"), "{to}: {picture}");
         }
         for signed in [vec![0.0; 16], vec![1.0, -2.0], vec![3.0; 128]] {
             let picture = margins(&signed);

@@ -1,12 +1,15 @@
-//! A verdict as a document: one page for whoever has to judge it, which needs no other file and no network.
+//! Pages for people, each one file that needs no other and no network: a verdict, for whoever has to judge it, and how
+//! a farm stands.
 
 mod chart;
+pub(crate) mod farm;
 mod films;
 mod page;
 mod readings;
 mod record;
 mod text;
 mod verdict;
+mod verdict_page;
 
-pub(crate) use page::Document;
 pub(crate) use record::Repeat;
+pub(crate) use verdict_page::Document;

@@ -1,68 +1,47 @@
-//! The page as a whole.
+//! What all pages have in common.
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
-use guard4d_engine::detect::report::VerifyReport;
-use guard4d_engine::error::EngineError;
-use guard4d_engine::media::Frame;
-use maud::{DOCTYPE, PreEscaped, html};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
 use sha2::{Digest as _, Sha256};
 
-use super::record::Repeat;
-use super::{films, readings, record, verdict};
-
 const STYLE: &str = include_str!("style.css");
-const SCRIPT: &str = include_str!("compare.js");
 
-/// What the page tells of.
-pub(crate) struct Document<'a> {
-    /// The verification.
-    pub(crate) report: &'a VerifyReport,
-    /// Views of the original, one list for each, if whoever verifies has it.
-    pub(crate) clean: &'a [Vec<Frame>],
-    /// How it was done.
-    pub(crate) repeat: Repeat,
+/// What a page shows and does.
+pub(super) struct Page<'a> {
+    pub(super) title: &'a str,
+    pub(super) content: Markup,
+    /// Empty for a page that does nothing.
+    pub(super) script: &'a str,
 }
 
-impl Document<'_> {
-    /// The page. All that it shows and does is inside, and it forbids browsers to fetch anything.
-    ///
-    /// # Errors
-    /// Those of comparing pictures.
-    pub(crate) fn html(&self) -> Result<String, EngineError> {
-        let Self { report, clean, repeat } = self;
-        let page = html! {
-            (DOCTYPE)
-            html lang="en" {
-                head {
-                    meta charset="utf-8";
-                    meta http-equiv="Content-Security-Policy" content=(policy());
-                    meta name="viewport" content="width=device-width, initial-scale=1";
-                    meta name="referrer" content="no-referrer";
-                    title { "guard4d: " (verdict::word(report.evidence.verdict)) }
-                    style { (PreEscaped(STYLE)) }
-                }
-                body {
-                    main {
-                        (verdict::section(report))
-                        (films::section(report, clean)?)
-                        (readings::section(report))
-                        (record::section(report, repeat))
-                    }
-                    script { (PreEscaped(SCRIPT)) }
-                }
+/// The page as a file. It forbids browsers to fetch anything.
+pub(super) fn page(Page { title, content, script }: Page<'_>) -> String {
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta http-equiv="Content-Security-Policy" content=(policy(script));
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="referrer" content="no-referrer";
+                title { (title) }
+                style { (PreEscaped(STYLE)) }
             }
-        };
-        Ok(page.into_string())
-    }
+            body {
+                main { (content) }
+                @if !script.is_empty() { script { (PreEscaped(script)) } }
+            }
+        }
+    };
+    page.into_string()
 }
 
 /// Pictures inside the page, and no style or script but the page's own.
-fn policy() -> String {
+fn policy(script: &str) -> String {
     let hash = |text: &str| format!("'sha256-{}'", BASE64_STANDARD.encode(Sha256::digest(text)));
+    let (style, script) = (hash(STYLE), if script.is_empty() { "'none'".to_owned() } else { hash(script) });
     format!(
-        "default-src 'none'; img-src data:; style-src {}; script-src {}; base-uri 'none'; form-action 'none'",
-        hash(STYLE),
-        hash(SCRIPT)
+        "default-src 'none'; img-src data:; style-src {style}; script-src {script}; base-uri 'none'; form-action 'none'"
     )
 }

@@ -74,7 +74,21 @@ impl Serialize for Digest {
 
 impl<'de> Deserialize<'de> for Digest {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let text = String::deserialize(deserializer)?;
-        Self::from_hex(&text).ok_or_else(|| de::Error::custom(format!("`{text}` is not 64 hexadecimal digits")))
+        deserializer.deserialize_str(Hex)
+    }
+}
+
+/// Reads a digest out of text that stays where it is: farms read hundreds of thousands.
+struct Hex;
+
+impl de::Visitor<'_> for Hex {
+    type Value = Digest;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("64 hexadecimal digits")
+    }
+
+    fn visit_str<E: de::Error>(self, text: &str) -> Result<Digest, E> {
+        Digest::from_hex(text).ok_or_else(|| E::custom(format!("`{text}` is not 64 hexadecimal digits")))
     }
 }

@@ -1,5 +1,6 @@
 //! The list of what is to be done: a row for each job, as CSV or as JSON lines.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::Display;
 use std::path::{Component, Path, PathBuf};
@@ -107,8 +108,22 @@ impl Row {
     }
 }
 
-/// Cells of a line that have a value, by column.
-type Cells = BTreeMap<String, String>;
+/// Cells of a line that have a value.
+#[derive(Default)]
+struct Cells {
+    /// Of [`OWN_COLUMNS`].
+    own: [String; 5],
+    others: BTreeMap<String, String>,
+}
+
+impl Cells {
+    fn put(&mut self, column: &str, value: &str) {
+        match OWN_COLUMNS.iter().position(|own| *own == column) {
+            Some(at) => value.clone_into(&mut self.own[at]),
+            None => _ = self.others.insert(column.to_owned(), value.to_owned()),
+        }
+    }
+}
 
 fn csv_cells(path: &Path, text: &str) -> Result<Vec<(usize, Cells)>, EngineError> {
     let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
@@ -124,9 +139,9 @@ fn csv_cells(path: &Path, text: &str) -> Result<Vec<(usize, Cells)>, EngineError
     for record in reader.records() {
         let record = record.map_err(bad)?;
         let line = record.position().map_or(0, csv::Position::line);
-        let cells = head.iter().zip(&record).filter(|(_, cell)| !cell.is_empty());
-        let line = usize::try_from(line).unwrap_or(usize::MAX);
-        found.push((line, cells.map(|(name, cell)| (name.clone(), cell.to_owned())).collect()));
+        let mut cells = Cells::default();
+        head.iter().zip(&record).filter(|(_, cell)| !cell.is_empty()).for_each(|(name, cell)| cells.put(name, cell));
+        found.push((usize::try_from(line).unwrap_or(usize::MAX), cells));
     }
     Ok(found)
 }
@@ -138,7 +153,7 @@ fn json_cells(path: &Path, text: &str) -> Result<Vec<(usize, Cells)>, EngineErro
             bad_data(path, format!("line {line}"), got, "an object of texts, numbers, true and false")
         };
         let object: serde_json::Map<String, Value> = serde_json::from_str(object).map_err(|error| bad(&error))?;
-        let mut cells = Cells::new();
+        let mut cells = Cells::default();
         for (name, value) in object {
             let text = match value {
                 Value::Null => continue,
@@ -147,17 +162,16 @@ fn json_cells(path: &Path, text: &str) -> Result<Vec<(usize, Cells)>, EngineErro
                 Value::Bool(answer) => answer.to_string(),
                 Value::Array(_) | Value::Object(_) => return Err(bad(&format!("a list or an object for `{name}`"))),
             };
-            cells.insert(name, text);
+            cells.put(&name, &text);
         }
         found.push((line, cells));
     }
     Ok(found)
 }
 
-fn row(path: &Path, line: usize, mut cells: Cells) -> Result<Row, EngineError> {
+fn row(path: &Path, line: usize, cells: Cells) -> Result<Row, EngineError> {
     let field = |name: &str| format!("line {line}: {name}");
-    let mut take = |name: &str| cells.remove(name).unwrap_or_default();
-    let [id, job, input, output, cost] = OWN_COLUMNS.map(&mut take);
+    let Cells { own: [id, job, input, output, cost], others: columns } = cells;
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
     if id.is_empty() || id.len() > MAX_ID || id.starts_with('.') || !id.chars().all(is_plain) {
         let expected = format!("1 to {MAX_ID} letters, digits, `-`, `_` and `.`, the first not `.`");
@@ -175,7 +189,7 @@ fn row(path: &Path, line: usize, mut cells: Cells) -> Result<Row, EngineError> {
             _ => return Err(bad_data(path, field("cost"), format!("`{text}`"), "a number that is not negative")),
         },
     };
-    Ok(Row { line, id, job, input, output, columns: cells, cost, needs: Vec::new(), source: None, stage: 0 })
+    Ok(Row { line, id, job, input, output, columns, cost, needs: Vec::new(), source: None, stage: 0 })
 }
 
 /// Each id and each output stands in one row.
@@ -185,7 +199,7 @@ fn check_names(path: &Path, rows: &[Row]) -> Result<(), EngineError> {
         if let Some(first) = ids.insert(id, line) {
             return Err(bad_data(path, format!("line {line}: id"), format!("`{id}`, as in line {first}"), "another"));
         }
-        if let Some(first) = outputs.insert(plain(Path::new(output)), line) {
+        if let Some(first) = outputs.insert(plain(output), line) {
             let got = format!("`{output}`, as in line {first}");
             return Err(bad_data(path, format!("line {line}: output"), got, "another"));
         }
@@ -195,12 +209,13 @@ fn check_names(path: &Path, rows: &[Row]) -> Result<(), EngineError> {
 
 /// Which rows read what others write: a path of theirs is an output, or lies in one.
 fn find_needs(path: &Path, rows: &mut [Row]) -> Result<(), EngineError> {
-    let outputs: HashMap<PathBuf, usize> =
-        rows.iter().enumerate().map(|(place, row)| (plain(Path::new(&row.output)), place)).collect();
+    let outputs: HashMap<String, usize> =
+        rows.iter().enumerate().map(|(place, row)| (plain(&row.output).into_owned(), place)).collect();
     for (place, row) in rows.iter_mut().enumerate() {
         let maker = |path: &String| {
-            let path = plain(Path::new(path));
-            path.ancestors().find_map(|above| outputs.get(above)).copied()
+            let path = plain(path);
+            let above = std::iter::successors(Some(&*path), |path| path.rfind('/').map(|end| &path[..end]));
+            above.into_iter().find_map(|above| outputs.get(above)).copied()
         };
         row.source = Some(&row.input).filter(|input| !input.is_empty()).and_then(maker);
         row.needs = row.source.into_iter().chain(row.columns.values().filter_map(maker)).collect();
@@ -240,10 +255,15 @@ fn set_stages(rows: &mut [Row]) -> Option<usize> {
     waits.iter().position(|waits| *waits > 0)
 }
 
-/// A path without `.` and, as far as it can be told from the path alone, `..`.
-fn plain(path: &Path) -> PathBuf {
+/// A path without `.`, doubled slashes and, as far as it can be told from the path alone, `..`.
+fn plain(path: &str) -> Cow<'_, str> {
+    // As nearly all are.
+    let is_plain = |path: &str| path.split('/').all(|part| !matches!(part, "" | "." | ".."));
+    if is_plain(path.strip_prefix('/').unwrap_or(path)) {
+        return Cow::Borrowed(path);
+    }
     let mut plain = PathBuf::new();
-    for part in path.components() {
+    for part in Path::new(path).components() {
         match part {
             Component::CurDir => {}
             Component::ParentDir if matches!(plain.components().next_back(), Some(Component::Normal(_))) => {
@@ -252,5 +272,5 @@ fn plain(path: &Path) -> PathBuf {
             part => plain.push(part),
         }
     }
-    plain
+    Cow::Owned(plain.to_string_lossy().into_owned())
 }

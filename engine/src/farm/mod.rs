@@ -5,8 +5,10 @@
 pub mod claim;
 pub mod contents;
 pub mod journal;
+pub mod ledger;
 pub mod manifest;
 mod metrics;
+pub mod record;
 pub mod runner;
 pub mod selection;
 pub mod status;

@@ -1,17 +1,18 @@
-//! Doing rows, one after the other, in one process.
+//! Doing rows in one process: one after the other, and light ones several at once.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use guard4d_kernels::KernelError;
 use serde_json::Value;
 
-use super::claim::{BEAT, Claims, worker_name};
+use super::claim::{BEAT, Claim, Claims, worker_name};
 use super::contents::Contents;
-use super::journal::{Journal, Record, State};
+use super::journal::Journal;
 use super::manifest::{Manifest, Row};
+use super::record::{Record, State};
 use crate::base::checkpoint;
 use crate::base::digest::Digest;
 use crate::base::output::remove_partials;
@@ -19,6 +20,8 @@ use crate::error::EngineError;
 
 /// How long to wait for other workers before looking again.
 const PATIENCE: Duration = Duration::from_secs(1);
+/// Most light rows that are done at once. They wait for the disk more than for a processor.
+const AT_ONCE: usize = 8;
 
 /// What does the rows' jobs.
 pub trait Jobs {
@@ -27,6 +30,16 @@ pub trait Jobs {
     /// # Errors
     /// What made it fail; [`EngineError::Interrupted`] and [`EngineError::Stopped`] when it was asked to stop.
     fn run(&mut self, row: &Row, attempt: Attempt) -> Result<Ended, EngineError>;
+
+    /// Whether a row needs neither a device nor much memory, so that several of its kind may be done at once.
+    fn is_light(&self, _row: &Row) -> bool {
+        false
+    }
+
+    /// Does light rows at once; what each came to, in their order.
+    fn run_at_once(&mut self, rows: &[(&Row, Attempt)]) -> Vec<Result<Ended, EngineError>> {
+        rows.iter().map(|(row, attempt)| self.run(row, *attempt)).collect()
+    }
 
     /// Columns of a row that its job does not know.
     fn notes(&self, row: &Row) -> BTreeMap<String, String>;
@@ -123,6 +136,40 @@ enum Looked {
     Stopped,
 }
 
+impl Summary {
+    /// Counts how a row ended.
+    fn count(&mut self, row: &Row, looked: Looked) {
+        match looked {
+            Looked::Did => self.done += 1,
+            Looked::Already => self.already += 1,
+            Looked::Failed(why) => self.failed.push((row.id.clone(), why)),
+            Looked::Elsewhere => self.elsewhere += 1,
+            Looked::Waits => {}
+            Looked::Stopped => {
+                self.is_interrupted = true;
+                self.left += 1;
+            }
+        }
+    }
+}
+
+/// What is to be done about a row.
+enum Considered {
+    /// Nothing more.
+    Over(Looked),
+    /// It can be begun.
+    Ready(Begun),
+}
+
+/// A row that this worker begins.
+struct Begun {
+    place: usize,
+    attempt: Attempt,
+    record: Record,
+    /// Kept until it is written down how the row ended.
+    claim: Claim,
+}
+
 impl<'a> Worker<'a> {
     /// Opens the records of a manifest.
     ///
@@ -150,29 +197,9 @@ impl<'a> Worker<'a> {
         let mut summary = Summary::default();
         let mut left = places.to_vec();
         loop {
-            let mut again = Vec::new();
-            for (nth, &place) in left.iter().enumerate() {
-                let is_enough = self.policy.max_failures.is_some_and(|most| summary.failed.len() >= most);
-                if self.jobs.is_stopped() || is_enough {
-                    summary.is_interrupted = self.jobs.is_stopped();
-                    summary.left = left.len() - nth + again.len();
-                    return Ok(summary);
-                }
-                match self.look(place)? {
-                    Looked::Did => summary.done += 1,
-                    Looked::Already => summary.already += 1,
-                    Looked::Failed(why) => summary.failed.push((self.manifest.rows()[place].id.clone(), why)),
-                    Looked::Elsewhere if !needed.contains(&place) => summary.elsewhere += 1,
-                    // What is needed is looked at again: its worker may fall silent.
-                    Looked::Elsewhere | Looked::Waits => again.push(place),
-                    Looked::Stopped => {
-                        summary.is_interrupted = true;
-                        summary.left = left.len() - nth + again.len();
-                        return Ok(summary);
-                    }
-                }
-            }
-            if again.is_empty() {
+            // What is needed is looked at again: its worker may fall silent.
+            let again = self.pass(&left, &needed, &mut summary)?;
+            if summary.left > 0 || again.is_empty() {
                 return Ok(summary);
             }
             if again.len() == left.len() {
@@ -183,31 +210,64 @@ impl<'a> Worker<'a> {
         }
     }
 
-    /// Does a row, unless it is done, waits, or is another's.
-    fn look(&mut self, place: usize) -> Result<Looked, EngineError> {
+    /// Goes through these rows once; which of them are to be looked at again. None where the run ends here: the summary
+    /// counts what is left then.
+    fn pass(
+        &mut self,
+        left: &[usize],
+        needed: &HashSet<usize>,
+        summary: &mut Summary,
+    ) -> Result<Vec<usize>, EngineError> {
+        let (mut again, mut begun, mut rest) = (Vec::new(), Vec::new(), 0);
+        for (nth, &place) in left.iter().enumerate() {
+            let is_enough = self.policy.max_failures.is_some_and(|most| summary.failed.len() >= most);
+            if self.jobs.is_stopped() || is_enough || summary.is_interrupted {
+                summary.is_interrupted |= self.jobs.is_stopped();
+                rest = left.len() - nth;
+                break;
+            }
+            let is_light = self.jobs.is_light(&self.manifest.rows()[place]);
+            match self.consider(place)? {
+                Considered::Over(Looked::Elsewhere) if needed.contains(&place) => again.push(place),
+                Considered::Over(Looked::Waits) => again.push(place),
+                Considered::Over(looked) => summary.count(&self.manifest.rows()[place], looked),
+                Considered::Ready(row) if is_light => begun.push(row),
+                Considered::Ready(row) => self.attempt(vec![row], summary)?,
+            }
+            if begun.len() == AT_ONCE {
+                self.attempt(std::mem::take(&mut begun), summary)?;
+            }
+        }
+        self.attempt(begun, summary)?;
+        if summary.is_interrupted || rest > 0 {
+            summary.left += rest + again.len();
+        }
+        Ok(again)
+    }
+
+    /// Takes a row, unless it is done, waits, or is another's.
+    fn consider(&mut self, place: usize) -> Result<Considered, EngineError> {
         let row = &self.manifest.rows()[place];
         if self.is_done(place)? {
-            return Ok(Looked::Already);
+            return Ok(Considered::Over(Looked::Already));
         }
         if let Some(why) = self.failure(place) {
-            return Ok(Looked::Failed(why));
+            return Ok(Considered::Over(Looked::Failed(why)));
         }
         for &need in &row.needs {
             if self.failure(need).is_some() {
                 let why = format!("it needs `{}`, which failed", self.manifest.rows()[need].id);
                 self.failed.insert(place, why.clone());
-                return Ok(Looked::Failed(why));
+                return Ok(Considered::Over(Looked::Failed(why)));
             }
             if !self.is_done(need)? {
-                return Ok(Looked::Waits);
+                return Ok(Considered::Over(Looked::Waits));
             }
         }
-        let Some(claim) = self.claims.take(&row.id)? else { return Ok(Looked::Elsewhere) };
+        let Some(claim) = self.claims.take(&row.id)? else { return Ok(Considered::Over(Looked::Elsewhere)) };
         // Who had it before may have done it.
         self.journal.refresh()?;
-        let looked = if self.is_done(place)? { Ok(Looked::Already) } else { self.attempt(place) };
-        drop(claim);
-        looked
+        if self.is_done(place)? { Ok(Considered::Over(Looked::Already)) } else { self.begin(place, claim) }
     }
 
     /// Why a row failed that is not to be tried again.
@@ -231,15 +291,15 @@ impl<'a> Worker<'a> {
         if last.state != State::Done || last.settings != row.settings_hash() || last.input != self.input(row).ok() {
             return Ok(false);
         }
-        let is_whole = Contents::of(&self.at(&row.output)).is_ok_and(|outputs| outputs == last.outputs);
+        let is_whole = Contents::of(&self.at(&row.output)).is_ok_and(|outputs| outputs.digest() == last.outputs);
         if is_whole {
             self.done.insert(place);
         }
         Ok(is_whole)
     }
 
-    /// Does a row, and writes down what became of it.
-    fn attempt(&mut self, place: usize) -> Result<Looked, EngineError> {
+    /// What an attempt at a row begins with.
+    fn begin(&mut self, place: usize, claim: Claim) -> Result<Considered, EngineError> {
         let row = &self.manifest.rows()[place];
         let settings = row.settings_hash();
         let known = self.journal.last(&row.id);
@@ -251,20 +311,51 @@ impl<'a> Worker<'a> {
         let mut record = Record::begun(&row.id, &row.job, number, settings, &self.name);
         record.notes = self.jobs.notes(row);
         let output = self.at(&row.output);
-        let ended = if output.exists() && !is_ours && !self.policy.replace {
+        if output.exists() && !is_ours && !self.policy.replace {
             let reason = "it exists, and no row of this manifest made it; --overwrite replaces it".to_owned();
-            Err(EngineError::CannotCreate { path: output.clone(), reason })
-        } else {
-            self.journal.add(record.clone())?;
+            let looked = self.settle(place, &mut record, Err(EngineError::CannotCreate { path: output, reason }))?;
+            (self.watch)(Event::Ends(row, &record));
+            self.journal.add(&[record])?;
+            return Ok(Considered::Over(looked));
+        }
+        if is_ours {
             remove_partials(&output)?;
             remove_partials(&checkpoint::path_beside(&output))?;
-            (self.watch)(Event::Begins(row));
-            let started = Instant::now();
-            let ended = self.run_twice(row, Attempt { number, replaces: is_ours || self.policy.replace, goes_on });
-            record.seconds = started.elapsed().as_secs_f64();
-            ended
+        }
+        let attempt = Attempt { number, replaces: is_ours || self.policy.replace, goes_on };
+        Ok(Considered::Ready(Begun { place, attempt, record, claim }))
+    }
+
+    /// Does one row, or several light ones, and writes down what became of them.
+    fn attempt(&mut self, mut begun: Vec<Begun>, summary: &mut Summary) -> Result<(), EngineError> {
+        if begun.is_empty() {
+            return Ok(());
+        }
+        let records: Vec<Record> = begun.iter().map(|row| row.record.clone()).collect();
+        self.journal.add(&records)?;
+        let rows: Vec<(&Row, Attempt)> =
+            begun.iter().map(|begun| (&self.manifest.rows()[begun.place], begun.attempt)).collect();
+        rows.iter().for_each(|(row, _)| (self.watch)(Event::Begins(row)));
+        let started = Instant::now();
+        let ended = match &rows[..] {
+            [(row, attempt)] => vec![self.run_twice(row, *attempt)],
+            several => self.jobs.run_at_once(several),
         };
-        self.settle(place, record, ended)
+        // Rows that were done at once share the time that they took.
+        let seconds = started.elapsed().as_secs_f64() / rows.len() as f64;
+        let mut looked = Vec::with_capacity(rows.len());
+        for (row, ended) in begun.iter_mut().zip(ended) {
+            row.record.seconds = seconds;
+            looked.push(self.settle(row.place, &mut row.record, ended)?);
+        }
+        let (records, claims): (Vec<Record>, Vec<Claim>) = begun.into_iter().map(|row| (row.record, row.claim)).unzip();
+        self.journal.add(&records)?;
+        drop(claims);
+        for (((row, _), record), looked) in rows.into_iter().zip(&records).zip(looked) {
+            (self.watch)(Event::Ends(row, record));
+            summary.count(row, looked);
+        }
+        Ok(())
     }
 
     /// Does a row; once more on a fresh device where the device was lost.
@@ -278,11 +369,11 @@ impl<'a> Worker<'a> {
         }
     }
 
-    /// Writes down how a row ended.
+    /// Puts into the record how a row ended.
     fn settle(
         &mut self,
         place: usize,
-        mut record: Record,
+        record: &mut Record,
         ended: Result<Ended, EngineError>,
     ) -> Result<Looked, EngineError> {
         let row = &self.manifest.rows()[place];
@@ -313,14 +404,14 @@ impl<'a> Worker<'a> {
             Looked::Stopped => State::Interrupted,
             _ => State::Failed,
         };
+        record.ended_unix_s =
+            SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).ok().map(|since| since.as_secs_f64());
         if let Looked::Failed(why) = &looked {
             record.error = Some(why.clone());
             self.failed.insert(place, why.clone());
         } else if record.state == State::Done {
             self.done.insert(place);
         }
-        self.journal.add(record.clone())?;
-        (self.watch)(Event::Ends(row, &record));
         Ok(looked)
     }
 

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::journal::{Journal, Record, State};
+use super::journal::Journal;
 use super::manifest::Manifest;
+use super::record::{Known, State};
 use crate::error::EngineError;
 
 /// Most rows that are named as the slowest.
@@ -72,7 +73,7 @@ impl Status {
         let journal = Journal::open(&manifest.state(), "")?;
         let mut status = Self { rows: manifest.rows().len(), ..Self::default() };
         let mut paces: BTreeMap<&str, Pace> = BTreeMap::new();
-        let mut done: Vec<&Record> = Vec::new();
+        let mut done: Vec<&Known> = Vec::new();
         for row in manifest.rows() {
             let record = journal.last(&row.id).filter(|record| record.settings == row.settings_hash());
             let pace = paces.entry(&row.job).or_default();
@@ -104,7 +105,7 @@ impl Status {
         };
         status.seconds_left = paces.values().map(left).sum();
         done.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
-        let slow = |record: &&Record| Slow { id: record.id.clone(), seconds: record.seconds };
+        let slow = |record: &&Known| Slow { id: record.id.clone(), seconds: record.seconds };
         status.slowest = done.iter().take(SLOWEST).map(slow).collect();
         Ok(status)
     }

@@ -1,0 +1,175 @@
+//! What is written down about one attempt at a row, and what of it is kept in mind.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::{Deserialize, Deserializer, Serialize, de};
+use serde_json::Value;
+
+use super::contents::Contents;
+use crate::base::digest::Digest;
+use crate::base::files::bad_data;
+use crate::error::EngineError;
+
+/// Name and version of what stands in a line.
+const SCHEMA: &str = "guard4d.farm-record/1";
+
+/// What became of one attempt at a row.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// `guard4d.farm-record/1`
+    #[serde(deserialize_with = "as_this_schema")]
+    pub schema: String,
+    /// The row's.
+    pub id: String,
+    /// The row's.
+    pub job: String,
+    /// From 1; the largest of a row tells what holds.
+    pub attempt: u32,
+    /// How far it came.
+    pub state: State,
+    /// What was to be done, [`Row::settings_hash`].
+    ///
+    /// [`Row::settings_hash`]: super::manifest::Row::settings_hash
+    pub settings: Digest,
+    /// What the input held; none for a job without one.
+    pub input: Option<Digest>,
+    /// What was made, by file.
+    pub outputs: Contents,
+    /// As if the row were a command of its own.
+    pub exit_code: Option<u8>,
+    /// Why it failed.
+    pub error: Option<String>,
+    /// How long it took.
+    pub seconds: f64,
+    /// When it ended, seconds since 1970 by the worker's clock; none while it runs. For people alone: clocks differ.
+    #[serde(default)]
+    pub ended_unix_s: Option<f64>,
+    /// Who did it: host and process.
+    pub worker: String,
+    /// Columns that the job does not know.
+    pub notes: BTreeMap<String, String>,
+    /// What the command prints with `--json`.
+    pub result: Value,
+}
+
+/// How far an attempt came. Of two records of one attempt the later of these holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum State {
+    /// It was begun.
+    Running,
+    /// It was asked to stop, and can go on.
+    Interrupted,
+    /// It failed, or its result is not good enough.
+    Failed,
+    /// It is done.
+    Done,
+}
+
+/// What is kept in mind of a record: a manifest may have a million rows.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Known {
+    #[serde(deserialize_with = "is_this_schema", rename = "schema")]
+    _schema: (),
+    /// The row's.
+    pub id: String,
+    /// From 1.
+    pub attempt: u32,
+    /// How far it came.
+    pub state: State,
+    /// What was to be done.
+    pub settings: Digest,
+    /// What the input held.
+    pub input: Option<Digest>,
+    /// What was made, as one hash.
+    #[serde(deserialize_with = "as_one_hash")]
+    pub outputs: Digest,
+    /// As if the row were a command of its own.
+    pub exit_code: Option<u8>,
+    /// Why it failed.
+    pub error: Option<String>,
+    /// How long it took.
+    pub seconds: f64,
+}
+
+fn as_this_schema<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String, D::Error> {
+    match String::deserialize(deserializer)? {
+        schema if schema == SCHEMA => Ok(schema),
+        other => Err(de::Error::custom(format!("schema `{other}`"))),
+    }
+}
+
+fn is_this_schema<'de, D: Deserializer<'de>>(deserializer: D) -> Result<(), D::Error> {
+    as_this_schema(deserializer).map(drop)
+}
+
+fn as_one_hash<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Digest, D::Error> {
+    Contents::deserialize(deserializer).map(|contents| contents.digest())
+}
+
+impl Record {
+    /// The beginning of an attempt.
+    #[must_use]
+    pub fn begun(id: &str, job: &str, attempt: u32, settings: Digest, worker: &str) -> Self {
+        Self {
+            schema: SCHEMA.to_owned(),
+            id: id.to_owned(),
+            job: job.to_owned(),
+            attempt,
+            state: State::Running,
+            settings,
+            input: None,
+            outputs: Contents::default(),
+            exit_code: None,
+            error: None,
+            seconds: 0.0,
+            ended_unix_s: None,
+            worker: worker.to_owned(),
+            notes: BTreeMap::new(),
+            result: Value::Null,
+        }
+    }
+
+    /// Reads a line of the file at `path`.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] for anything else.
+    pub fn parse(path: &Path, line: &[u8]) -> Result<Self, EngineError> {
+        parse(path, line)
+    }
+
+    /// What is kept in mind of it.
+    #[must_use]
+    pub fn known(&self) -> Known {
+        Known {
+            _schema: (),
+            id: self.id.clone(),
+            attempt: self.attempt,
+            state: self.state,
+            settings: self.settings,
+            input: self.input,
+            outputs: self.outputs.digest(),
+            exit_code: self.exit_code,
+            error: self.error.clone(),
+            seconds: self.seconds,
+        }
+    }
+}
+
+/// A record, or what is kept in mind of it, from a line of the file at `path`.
+fn parse<'a, T: Deserialize<'a>>(path: &Path, line: &'a [u8]) -> Result<T, EngineError> {
+    serde_json::from_slice(line).map_err(|error| bad_data(path, "line", error, SCHEMA))
+}
+
+impl Known {
+    /// Reads a line of the file at `path`.
+    pub(super) fn parse(path: &Path, line: &[u8]) -> Result<Self, EngineError> {
+        parse(path, line)
+    }
+
+    /// What tells which of two records of a row holds.
+    pub(super) fn rank(&self) -> (u32, State) {
+        (self.attempt, self.state)
+    }
+}
