@@ -232,6 +232,35 @@ fn schedulers_are_given_what_they_run() {
 }
 
 #[test]
+fn schedulers_that_take_files_find_them_beside_the_records() {
+    let folder = farm("id,job,input,output\na,convert,m0.ply,a.glb\nb,convert,m1.ply,b.glb\n");
+    let manifest = folder.path().join("jobs.csv");
+    let submit = |engine: &str, flag: &str, user: &str| {
+        let mut command = super::command(&[&"farm", &"submit", &manifest, &"--engine", &engine, &flag]);
+        command.env("SHOW", "show7").env("SHOT", "s0340").env("USER", user);
+        Run::of(command.output().expect("the program starts"))
+    };
+    for (engine, files, next) in [
+        ("opencue", &["opencue.xml"][..], "opencue.api.launchSpec"),
+        ("flamenco", &["guard4d_farm.js"][..], "flamenco-manager"),
+        ("deadline", &["deadline.job", "deadline.plugin"][..], "deadlinecommand"),
+    ] {
+        let paths: Vec<_> = files.iter().map(|name| folder.path().join("jobs.farm").join(name)).collect();
+        let dry = submit(engine, "--dry-run", "ann");
+        dry.done();
+        assert!(!paths.iter().any(|path| path.exists()), "nothing was written for {engine}");
+        let submitted = submit(engine, "--shards=8", "ann");
+        submitted.done();
+        assert!(submitted.stderr.contains(next), "{}", submitted.stderr);
+        let texts: Vec<_> = paths.iter().map(|path| fs::read_to_string(path).expect("written")).collect();
+        assert_eq!(dry.stdout, texts.join("\n"), "what {engine} is given");
+        let name = manifest.to_str().expect("UTF-8");
+        assert!(texts.iter().any(|text| text.contains(name)), "the manifest is named: {texts:?}");
+    }
+    submit("opencue", "--dry-run", "root").refused(2, &["USER", "root"]);
+}
+
+#[test]
 fn progress_is_told_as_openjd_reads_it() {
     let folder = farm("id,job,input,output\na,convert,m0.ply,a.glb\nb,convert,m1.ply,b.glb\n");
     let manifest = folder.path().join("jobs.csv");

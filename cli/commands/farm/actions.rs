@@ -32,7 +32,7 @@ enum Action {
     ///
     /// Records of all workers are merged into `ledger.sqlite` beside them.
     Report(report::ReportArgs),
-    /// Hands a manifest to a scheduler: a Slurm array, or an OpenJD template
+    /// Hands a manifest to a scheduler: Slurm, OpenJD, OpenCue, Flamenco or Deadline
     Submit(submit::SubmitArgs),
 }
 
