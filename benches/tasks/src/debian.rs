@@ -30,16 +30,12 @@ pub(crate) struct Wanted {
 impl Apt {
     /// An apt in `folder`, which it empties, for `suites`.
     pub(crate) fn new(folder: PathBuf, suites: &[&str]) -> Result<Self> {
-        let targets = Command::new("apt-get")
-            .args(["indextargets", "--format", "$(RELEASE) $(COMPONENT) $(REPO_URI)", "Created-By: Packages"])
-            .output();
-        let Ok(targets) = targets else {
+        let Ok(targets) = index_targets() else {
             let why =
                 "drivers come as Debian packages, and apt-get is missing; --driver system takes what is installed";
             return Err(Error::Missing(why.to_owned()));
         };
-        let targets = String::from_utf8_lossy(&targets.stdout);
-        let Some(mirror) = mirror(&targets) else {
+        let Some(mirror) = mirror(&targets, "bookworm") else {
             let why = "this machine's apt has no source for Debian bookworm; --driver system takes what is installed";
             return Err(Error::Missing(why.to_owned()));
         };
@@ -95,9 +91,15 @@ impl Apt {
     }
 }
 
-/// The mirror of Debian bookworm in what `apt-get indextargets` lists.
-fn mirror(targets: &str) -> Option<&str> {
-    targets.lines().find_map(|line| line.strip_prefix("bookworm main "))
+/// What this machine's apt fetches lists from: a suite, a component and a mirror in each line.
+pub(crate) fn index_targets() -> Result<String> {
+    let format = "$(RELEASE) $(COMPONENT) $(REPO_URI)";
+    output(Command::new("apt-get").args(["indextargets", "--format", format, "Created-By: Packages"]))
+}
+
+/// The mirror of a suite in what `index_targets` returns.
+pub(crate) fn mirror<'a>(targets: &'a str, suite: &str) -> Option<&'a str> {
+    targets.lines().find_map(|line| line.strip_prefix(suite)?.strip_prefix(" main "))
 }
 
 fn sources(mirror: &str, suites: &[&str]) -> String {
@@ -160,11 +162,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_mirror_is_bookworms() {
+    fn the_mirror_is_the_suites() {
         let targets = "bookworm-security main http://s/\nbookworm contrib http://c/\nbookworm main http://a/debian/\n\
                        bookworm main http://b/debian/\n";
-        assert_eq!(mirror(targets), Some("http://a/debian/"));
-        assert_eq!(mirror("trixie main http://a/\n"), None);
+        assert_eq!(mirror(targets, "bookworm"), Some("http://a/debian/"));
+        assert_eq!(mirror("trixie main http://a/\n", "bookworm"), None);
         let list = sources("http://a/debian/", &["bookworm", "bookworm-backports"]);
         assert_eq!(list.lines().count(), 2);
         assert!(list.ends_with("gpg] http://a/debian/ bookworm-backports main\n"), "{list}");

@@ -14,6 +14,7 @@ use crate::conformance::TESTS;
 use crate::counts::{Counts, all_matched, report};
 use crate::error::{Error, Naming, Result};
 use crate::process::{log, output, run as run_program, succeeded, tee};
+use crate::programs::{executable, strip};
 use crate::workspace::{Workspace, say};
 
 /// On a machine with a GPU: conformance and benchmarks in one call, results under benches/results
@@ -82,20 +83,6 @@ fn build(workspace: &Workspace, folder: &Path) -> Result<()> {
     }
     let home = folder.join("root.txt");
     fs::write(&home, format!("{}\n", workspace.root().display())).of_file(&home)
-}
-
-/// The path of the program `name` in what cargo prints for machines.
-fn executable(messages: &str, name: &str) -> Result<PathBuf> {
-    let artifacts = messages.lines().filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
-    let path = artifacts
-        .filter(|message| message["reason"] == "compiler-artifact" && message["target"]["name"] == name)
-        .filter_map(|message| Some(PathBuf::from(message["executable"].as_str()?)))
-        .next_back();
-    path.ok_or_else(|| Error::Missing(format!("cargo names no program {name}")))
-}
-
-fn strip(from: &Path, to: &Path) -> Result<()> {
-    run_program(Command::new("strip").arg("-o").arg(to).arg(from))
 }
 
 /// Tests and benchmarks hold the same weights, which a window this wide finds again: a third of the size.
@@ -186,17 +173,6 @@ mod tests {
         assert_eq!(parsed("--build F").build, Some("F".into()));
         assert!(Line::try_parse_from(["gpu", "--build"]).is_err(), "a file is missing");
         assert!(Line::try_parse_from(["gpu", "--build", "F", "--built", "F"]).is_err(), "one of both");
-    }
-
-    #[test]
-    fn cargo_names_the_program() {
-        let messages = r#"{"reason":"compiler-artifact","target":{"name":"tests"},"executable":null}
-{"reason":"compiler-artifact","target":{"name":"guard4d"},"executable":"/a/guard4d"}
-{"reason":"compiler-artifact","target":{"name":"tests"},"executable":"/a/with \"marks\""}
-{"reason":"build-finished","success":true}
-"#;
-        assert_eq!(executable(messages, "tests").expect("a program"), Path::new("/a/with \"marks\""));
-        assert_eq!(executable(messages, "benches").expect_err("none").exit_code(), 69);
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! What `./x` hands on: the tasks around guard4d that are more than a line. `./x help` lists all of them.
 
+mod archives;
+mod bare;
 mod book;
 mod conformance;
 mod counts;
@@ -10,9 +12,13 @@ mod error;
 mod fuzz;
 mod gpu;
 mod interop;
+mod licences;
+mod needed;
+mod package;
 mod peers;
 mod pinned;
 mod process;
+mod programs;
 mod shaderc;
 mod workspace;
 
@@ -41,6 +47,7 @@ enum Task {
     Fuzz(fuzz::FuzzArgs),
     Gpu(gpu::GpuArgs),
     Interop(interop::InteropArgs),
+    Package(package::PackageArgs),
     Peers(peers::PeersArgs),
     Shaderc(shaderc::ShadercArgs),
 }
@@ -53,6 +60,7 @@ fn run(arguments: &Arguments) -> Result<()> {
         Task::Fuzz(args) => fuzz::run(&workspace, args),
         Task::Gpu(args) => gpu::run(&workspace, args),
         Task::Interop(args) => interop::run(&workspace, args),
+        Task::Package(args) => package::run(&workspace, args),
         Task::Peers(args) => peers::run(&workspace, args),
         Task::Shaderc(args) => shaderc::run(&workspace, args),
     }
