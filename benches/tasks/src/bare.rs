@@ -12,7 +12,7 @@ use crate::archives::RECOMMENDED;
 use crate::debian::{index_targets, mirror};
 use crate::error::{Error, Naming, Result};
 use crate::pinned::install_once;
-use crate::process::{exit_code, output, run, run_aside};
+use crate::process::{exit_code, log, output, run, run_aside};
 use crate::workspace::{Workspace, say};
 
 /// Programs that read what the package brings for them.
@@ -50,6 +50,8 @@ struct Tree {
     root: PathBuf,
     /// Where packages are kept that were fetched for it.
     kept: PathBuf,
+    /// What apt said last: hundreds of lines.
+    log: PathBuf,
 }
 
 impl Tree {
@@ -59,7 +61,7 @@ impl Tree {
         let (base, root) = (folder.join("base"), folder.join("root"));
         fetch_base(&base)?;
         remove(&root)?;
-        let tree = Self { root, kept: folder.join("base/tree").join(DOWNLOADS) };
+        let tree = Self { root, kept: base.join("tree").join(DOWNLOADS), log: folder.join("apt.log") };
         run(Command::new("cp").args(["-a", "--reflink=auto"]).arg(base.join("tree")).arg(&tree.root))?;
         let names = Path::new("/etc/resolv.conf");
         fs::copy(names, tree.root.join("etc/resolv.conf")).of_file(names)?;
@@ -75,7 +77,13 @@ impl Tree {
     }
 
     fn apt(&self, arguments: &[&str]) -> Result<()> {
-        run_aside(self.command("apt-get").args(["-q", "-y", "--no-install-recommends"]).args(arguments))
+        let mut command = self.command("apt-get");
+        // There is no terminal to give to dpkg.
+        command.args(["-y", "--no-install-recommends", "-o", "Dpkg::Use-Pty=0"]).args(arguments);
+        match log(&mut command, &self.log)? {
+            0 => Ok(()),
+            code => Err(unfit(code, &format!("apt-get {}; see {}", arguments.join(" "), self.log.display()))),
+        }
     }
 
     /// Keeps what apt has fetched, for the next tree.
@@ -181,8 +189,12 @@ pub(crate) fn check(workspace: &Workspace, [package, archive]: &[PathBuf; 2]) ->
 fn succeeds(command: &mut Command, arguments: &[&str]) -> Result<()> {
     match exit_code(command.args(arguments))? {
         0 => Ok(()),
-        code => Err(Error::Unfit(format!("in the bare Debian, this ended with {code}: {}", arguments.join(" ")))),
+        code => Err(unfit(code, &arguments.join(" "))),
     }
+}
+
+fn unfit(code: u8, what: &str) -> Error {
+    Error::Unfit(format!("in the bare Debian, this ended with exit code {code}: {what}"))
 }
 
 /// Runs the demonstration, which must read the message that it wrote.
@@ -200,5 +212,28 @@ fn read(told: &str) -> Option<(u64, u64)> {
     let told: Value = serde_json::from_str(told).ok()?;
     let evidence = &told["verification"]["evidence"];
     (evidence["verdict"] == "present").then_some(())?;
-    Some((evidence["matches"].as_u64()?, evidence["bits"].as_u64()?))
+    Some((evidence["matches"].as_u64()?, evidence["num_bits"].as_u64()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_release_is_the_machines() {
+        assert_eq!(codename("ID=debian\nVERSION_CODENAME=bookworm\n"), Some("bookworm"));
+        let targets = "a main http://m/\na universe http://m/\na-updates main http://m/\nb main http://m/\n";
+        assert_eq!(components(targets, "a"), "main,universe");
+        assert_eq!(components(targets, "b"), "main");
+    }
+
+    #[test]
+    fn a_message_is_read_if_the_verdict_says_so() {
+        let told = |verdict: &str| {
+            let evidence = serde_json::json!({ "verdict": verdict, "matches": 16, "num_bits": 16 });
+            read(&serde_json::json!({ "verification": { "evidence": evidence } }).to_string())
+        };
+        assert_eq!(told("present"), Some((16, 16)));
+        assert_eq!((told("inconclusive"), told("absent"), read("")), (None, None, None));
+    }
 }

@@ -20,7 +20,7 @@ const NAMES: [&str; 6] = ["LICENSE", "LICENCE", "COPYING", "COPYRIGHT", "NOTICE"
 const OURS: [&str; 2] = ["MIT", "Apache-2.0"];
 
 const HEAD: &str = "\
-guard4d contains the crates below, which others wrote. Behind each stand its licence, as the crate's
+guard4d contains the crates below, which others wrote. Behind each stands its licence, as the crate's
 authors declare it, and their names. The texts that the crates bring follow. Texts of MIT and
 Apache-2.0 that a crate does not bring itself are in LICENSE-MIT and LICENSE-APACHE beside this file.
 ";
