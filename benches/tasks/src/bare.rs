@@ -165,6 +165,7 @@ pub(crate) fn check(workspace: &Workspace, [package, archive]: &[PathBuf; 2]) ->
     say("installing the package in a bare Debian");
     tree.apt(&["update"])?;
     tree.apt(&["install", "/tmp/guard4d.deb"])?;
+    say("what it says without a driver:");
     let code = exit_code(tree.command("guard4d").arg("devices"))?;
     if code != NO_DEVICE {
         return Err(Error::Unfit(format!("without a driver, devices has to end with {NO_DEVICE}; it was {code}")));

@@ -125,8 +125,9 @@ fn pack(workspace: &Workspace, source: &Source, work: &Path, out: &Path) -> Resu
 
 /// The version in what `guard4d --version` prints.
 fn version(told: &str) -> Result<String> {
-    let version = told.trim().strip_prefix("guard4d ").filter(|version| !version.is_empty());
-    version.map(str::to_owned).ok_or_else(|| Error::Unfit(format!("this is not guard4d: it calls itself {told}")))
+    let line = told.lines().next().unwrap_or_default();
+    let version = line.strip_prefix("guard4d ").filter(|version| !version.is_empty());
+    version.map(str::to_owned).ok_or_else(|| Error::Unfit(format!("this is not guard4d, but calls itself: {line}")))
 }
 
 /// Puts what goes along with the program beside it.
@@ -190,4 +191,24 @@ fn write(path: &Path, text: &str) -> Result<()> {
 /// Puts a compressed file, which holds neither a name nor a time, in a file's place.
 fn compress(path: &Path) -> Result<()> {
     run_program(Command::new("gzip").args(["-9", "-n"]).arg(path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_guard4d_is_packed() {
+        assert_eq!(version("guard4d 1.2.3\n").expect("a version"), "1.2.3");
+        for other in ["ls (GNU coreutils) 9.1\nguard4d 1\n", "guard4d \n", ""] {
+            assert_eq!(version(other).expect_err(other).exit_code(), 1);
+        }
+    }
+
+    #[test]
+    fn what_goes_along_is_below_the_prefix() {
+        assert!(COMPLETIONS.iter().all(|(_, file)| file.starts_with("share/")), "the archive fits any prefix");
+        assert!(COMPLETIONS.iter().any(|(_, file)| file.starts_with(ZSH[0])), "the package moves this folder");
+        assert!(copyright("Copyright (c) a").lines().all(|line| line.len() <= 84), "a terminal is wide enough");
+    }
 }
