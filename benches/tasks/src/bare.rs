@@ -168,7 +168,7 @@ pub(crate) fn check(workspace: &Workspace, [package, archive]: &[PathBuf; 2]) ->
     say("what it says without a driver:");
     let code = exit_code(tree.command("guard4d").arg("devices"))?;
     if code != NO_DEVICE {
-        return Err(Error::Unfit(format!("without a driver, devices has to end with {NO_DEVICE}; it was {code}")));
+        return Err(Error::Broken(format!("without a driver, devices has to end with {NO_DEVICE}; it was {code}")));
     }
     tree.apt(&[&["install"][..], &RECOMMENDED.map(|(name, _)| name), &READERS].concat())?;
     tree.keep_downloads()?;
@@ -195,7 +195,7 @@ fn succeeds(command: &mut Command, arguments: &[&str]) -> Result<()> {
 }
 
 fn unfit(code: u8, what: &str) -> Error {
-    Error::Unfit(format!("in the bare Debian, this ended with exit code {code}: {what}"))
+    Error::Broken(format!("in the bare Debian, this ended with exit code {code}: {what}"))
 }
 
 /// Runs the demonstration, which must read the message that it wrote.
@@ -203,7 +203,7 @@ fn demonstrate(tree: &Tree) -> Result<()> {
     say("running the demonstration there: minutes");
     let started = Instant::now();
     let told = output(tree.command("guard4d").args(["demo", "--json", "--out", "/tmp/demo"]))?;
-    let (right, bits) = read(&told).ok_or_else(|| Error::Unfit(format!("the message was not read: {told}")))?;
+    let (right, bits) = read(&told).ok_or_else(|| Error::Broken(format!("the message was not read: {told}")))?;
     say(&format!("the message was read, {right} of {bits} bits, in {} s", started.elapsed().as_secs()));
     Ok(())
 }

@@ -18,9 +18,9 @@ pub(crate) enum Error {
     /// Both ways to make something, whose names the text holds, gave something else.
     #[error("{0}")]
     Differs(String),
-    /// What was made does not do what it should.
+    /// A promise that is not kept; the text says which.
     #[error("{0}")]
-    Unfit(String),
+    Broken(String),
     /// A file or a program could not be used.
     #[error("{what}: {source}")]
     Io {
@@ -37,7 +37,7 @@ impl Error {
         match self {
             Self::Missing(_) => 69,
             Self::Failed(code) => *code,
-            Self::Differs(_) | Self::Unfit(_) | Self::Io { .. } => 1,
+            Self::Differs(_) | Self::Broken(_) | Self::Io { .. } => 1,
         }
     }
 

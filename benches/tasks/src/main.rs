@@ -9,6 +9,7 @@ mod debian;
 mod docs;
 mod drivers;
 mod error;
+mod farm;
 mod fuzz;
 mod gpu;
 mod interop;
@@ -44,6 +45,7 @@ struct Arguments {
 enum Task {
     Conformance(conformance::ConformanceArgs),
     Docs(docs::DocsArgs),
+    Farm(farm::task::FarmArgs),
     Fuzz(fuzz::FuzzArgs),
     Gpu(gpu::GpuArgs),
     Interop(interop::InteropArgs),
@@ -57,6 +59,7 @@ fn run(arguments: &Arguments) -> Result<()> {
     match &arguments.task {
         Task::Conformance(args) => conformance::run(&workspace, args),
         Task::Docs(args) => docs::run(&workspace, args),
+        Task::Farm(args) => farm::task::run(&workspace, args),
         Task::Fuzz(args) => fuzz::run(&workspace, args),
         Task::Gpu(args) => gpu::run(&workspace, args),
         Task::Interop(args) => interop::run(&workspace, args),

@@ -127,7 +127,7 @@ fn pack(workspace: &Workspace, source: &Source, work: &Path, out: &Path) -> Resu
 fn version(told: &str) -> Result<String> {
     let line = told.lines().next().unwrap_or_default();
     let version = line.strip_prefix("guard4d ").filter(|version| !version.is_empty());
-    version.map(str::to_owned).ok_or_else(|| Error::Unfit(format!("this is not guard4d, but calls itself: {line}")))
+    version.map(str::to_owned).ok_or_else(|| Error::Broken(format!("this is not guard4d, but calls itself: {line}")))
 }
 
 /// Puts what goes along with the program beside it.

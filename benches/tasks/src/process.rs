@@ -9,7 +9,7 @@ use std::process::{Command, ExitStatus, Stdio};
 use crate::error::{Error, Naming, Result};
 
 /// The exit code as shells tell it: 128 and the signal's number where a signal ended the program.
-fn code(status: ExitStatus) -> u8 {
+pub(crate) fn code(status: ExitStatus) -> u8 {
     let code = status.code().or_else(|| status.signal().map(|signal| 128 + signal));
     code.and_then(|code| u8::try_from(code).ok()).unwrap_or(1)
 }
