@@ -31,11 +31,17 @@ const SILENT: Duration = Duration::from_secs(120);
 /// How long a worker has for a manifest. One that waits in vain for a dead worker needs longer.
 const LIMIT: Duration = Duration::from_secs(45);
 
+/// Lets the loader list what it would load, as ldd(1) does.
+const TRACE_LOADER: &str = "LD_TRACE_LOADED_OBJECTS";
+
 /// Runs the manifest on two machines at once.
 pub(super) fn run(ground: &Ground, quiet: &Quiet, figures: &mut Figures) -> Result<()> {
     say("farm: clocks are off");
     let library = library()?;
     clock_is_moved(&library)?;
+    // What the loader would load for the program: a static one would keep its clock.
+    let loaded = output(move_clock(&mut Command::new(ground.program()), &library, OFF).env(TRACE_LOADER, "1"))?;
+    check(loaded.contains("libfaketime"), || "libfaketime cannot move the program's clock".to_owned())?;
     let (mut random, mut tally) = (Random::new(10), Tally::default());
     let mut killed = 0;
     for pair in 0..RUNS {

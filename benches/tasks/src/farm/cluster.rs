@@ -51,7 +51,7 @@ impl Cluster {
         cluster.write()?;
         let at = |inside: &str| cluster.folder.join(inside);
         let (conf, key, socket) = (cluster.conf(), at("munge/key"), at("munge/sock"));
-        let mut munged = Command::new("munged");
+        let mut munged = daemon("munged");
         munged.args(["--foreground", "--force", "--num-threads=2"]);
         for (flag, path) in [("key-file", &key), ("socket", &socket)] {
             munged.arg(format!("--{flag}={}", path.display()));
@@ -62,9 +62,8 @@ impl Cluster {
         let logs = ["munged", "slurmctld", "slurmd"].map(|name| at(&format!("log/{name}.talk")));
         cluster.daemons.push(Running::start(&mut munged, &logs[0])?);
         wait_until("munged answers", START, || Ok(socket.exists()))?;
-        for (daemon, log) in ["slurmctld", "slurmd"].into_iter().zip(&logs[1..]) {
-            let daemon = Running::start(Command::new(daemon).arg("-D").arg("-f").arg(&conf), log)?;
-            cluster.daemons.push(daemon);
+        for (name, log) in ["slurmctld", "slurmd"].into_iter().zip(&logs[1..]) {
+            cluster.daemons.push(Running::start(daemon(name).arg("-D").arg("-f").arg(&conf), log)?);
         }
         let is_idle = || Ok(cluster.try_ask("sinfo", &["-h", "-o", "%T"])?.trim() == "idle");
         wait_until("Slurm's node is idle", START, is_idle).map_err(|error| cluster.with_logs(&error))?;
@@ -165,6 +164,13 @@ impl Drop for Cluster {
             drop(daemon);
         }
     }
+}
+
+/// A daemon that is stopped by the system where this program is killed.
+fn daemon(name: &str) -> Command {
+    let mut command = Command::new("setpriv");
+    command.args(["--pdeathsig", "TERM", name]);
+    command
 }
 
 /// The smallest settings that work.

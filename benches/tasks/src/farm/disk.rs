@@ -17,8 +17,8 @@ use crate::workspace::say;
 const RUNS: usize = 20;
 
 /// Their size in KiB. The smallest holds the models and a few rows, the largest not all that the rows make.
-const SMALLEST: f64 = 64.0;
-const LARGEST: f64 = 256.0;
+const SMALLEST: f32 = 64.0;
+const LARGEST: f32 = 256.0;
 
 /// Room for everything.
 const ROOMY: &str = "16m";

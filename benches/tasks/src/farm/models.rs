@@ -27,7 +27,7 @@ pub(super) fn ply(seed: u64) -> Vec<u8> {
                 "scale" => random.between(-4.0, -2.0),
                 _ => random.between(-1.0, 1.0),
             };
-            bytes.extend((value as f32).to_le_bytes());
+            bytes.extend(f32::to_le_bytes(value));
         }
     }
     bytes

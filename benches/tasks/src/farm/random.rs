@@ -19,18 +19,18 @@ impl Random {
     }
 
     /// From 0, and below 1.
-    pub(super) fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1_u64 << 53) as f64
+    pub(super) fn unit(&mut self) -> f32 {
+        (self.next() >> 40) as f32 / (1_u64 << 24) as f32
     }
 
     /// Between two numbers.
-    pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub(super) fn between(&mut self, low: f32, high: f32) -> f32 {
         low + (high - low) * self.unit()
     }
 
     /// A moment before the end of something.
     pub(super) fn moment(&mut self, end: Duration) -> Duration {
-        end.mul_f64(self.unit())
+        end.mul_f32(self.unit())
     }
 }
 
@@ -42,12 +42,12 @@ mod tests {
     fn numbers_are_spread_and_come_again() {
         let drawn = || {
             let mut random = Random::new(26);
-            (0..1000).map(|_| random.between(2.0, 4.0)).collect::<Vec<f64>>()
+            (0..1000).map(|_| random.between(2.0, 4.0)).collect::<Vec<f32>>()
         };
         let numbers = drawn();
         assert_eq!(numbers, drawn(), "the same seed");
         assert!(numbers.iter().all(|x| (2.0..4.0).contains(x)), "all are between");
-        let mean = numbers.iter().sum::<f64>() / 1000.0;
+        let mean = numbers.iter().sum::<f32>() / 1000.0;
         assert!((mean - 3.0).abs() < 0.1, "{mean}");
     }
 }

@@ -162,7 +162,8 @@ impl Checks<'_> {
     /// A task that runs out of time is told, ends with 75, is requeued, and goes on.
     fn out_of_time(&self, film: &Film, figures: &mut Figures) -> Result<()> {
         say("farm: a task runs out of time");
-        let rows = 2 + (LONG.as_secs_f64() / film.took.as_secs_f64()).ceil() as usize;
+        let needed = LONG.as_millis().div_ceil(film.took.as_millis().max(1));
+        let rows = 2 + usize::try_from(needed).unwrap_or(usize::MAX / 2);
         let site = self.ground.site(&self.films(rows))?;
         let begun = Instant::now();
         let job = self.submit(&site, 1, Some(SHORT_MIN))?;
