@@ -137,6 +137,12 @@ impl Cluster {
         self.tasks(job)
     }
 
+    /// Whether the controller's log holds this.
+    pub(super) fn logged(&self, text: &str) -> Result<bool> {
+        let path = self.folder.join("log/slurmctld");
+        Ok(fs::read_to_string(&path).of_file(&path)?.contains(text))
+    }
+
     /// The node's name.
     pub(super) fn node(&self) -> &str {
         &self.node
