@@ -242,7 +242,7 @@ fn schedulers_that_take_files_find_them_beside_the_records() {
     };
     for (engine, files, next) in [
         ("opencue", &["opencue.xml"][..], "opencue.api.launchSpec"),
-        ("flamenco", &["guard4d_farm.js"][..], "flamenco-manager"),
+        ("flamenco", &["guard4d-farm.js"][..], "flamenco-manager"),
         ("deadline", &["deadline.job", "deadline.plugin"][..], "deadlinecommand"),
     ] {
         let paths: Vec<_> = files.iter().map(|name| folder.path().join("jobs.farm").join(name)).collect();
@@ -271,6 +271,10 @@ fn progress_is_told_as_openjd_reads_it() {
     let expected =
         ["openjd_progress: 50", "openjd_status: rows 1/2", "openjd_progress: 100", "openjd_status: rows 2/2"];
     assert_eq!(said, expected);
+    // A chunk that is tried again tells of what was done before, too.
+    let again = Run::of(command.output().expect("the program starts"));
+    let said: Vec<&str> = again.stdout.lines().filter(|line| line.starts_with("openjd_")).collect();
+    assert_eq!(said, expected, "all rows are passed over");
 }
 
 #[test]

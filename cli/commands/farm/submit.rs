@@ -17,7 +17,7 @@ const SLURM: &str = "slurm.sh";
 const OPENJD: &str = "openjd.template.json";
 const OPENCUE: &str = "opencue.xml";
 /// Flamenco makes the name of the job type of it.
-const FLAMENCO: &str = "guard4d_farm.js";
+const FLAMENCO: &str = "guard4d-farm.js";
 /// Of the job, and of the plug-in.
 const DEADLINE: [&str; 2] = ["deadline.job", "deadline.plugin"];
 

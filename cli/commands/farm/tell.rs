@@ -27,7 +27,7 @@ pub(super) enum Watcher {
     Auto,
     /// A bar on a terminal
     Bar,
-    /// A JSON object on stderr when a row begins and when it ends
+    /// A JSON object on stderr when a row begins, ends, or is passed over
     Json,
     /// OpenJD: lines on stdout
     Openjd,
@@ -40,6 +40,8 @@ pub(super) struct Teller {
     watcher: Watcher,
     bar: ProgressBar,
     commented: Option<Instant>,
+    /// What OpenJD was told last: a hundred lines are enough.
+    percent: Option<u64>,
 }
 
 impl Teller {
@@ -51,29 +53,36 @@ impl Teller {
             Watcher::Auto => Watcher::Bar,
             asked => asked,
         };
-        Self { watcher, bar: bar(common, rows as u64), commented: None }
+        Self { watcher, bar: bar(common, rows as u64), commented: None, percent: None }
     }
 
     pub(super) fn tell(&mut self, event: Event<'_>) {
-        let (done, of) = match event {
-            Event::Begins(row) => {
-                self.bar.set_message(row.id.clone());
-                (self.bar.position(), self.bar.length().unwrap_or(1))
-            }
+        match event {
+            Event::Begins(row) => self.bar.set_message(row.id.clone()),
+            Event::Passes(_) => self.bar.inc(1),
             Event::Ends(row, record) => {
                 self.bar.inc(1);
                 if let Some(error) = record.error.as_ref().filter(|_| self.watcher != Watcher::Json) {
                     self.bar.suspend(|| say(&format!("{}: {error}", row.id)));
                 }
-                (self.bar.position(), self.bar.length().unwrap_or(1))
             }
-        };
+        }
+        let (done, of) = (self.bar.position(), self.bar.length().unwrap_or(1));
         match self.watcher {
             Watcher::Auto | Watcher::Bar => {}
             Watcher::Json => tell_json(event, done, of),
-            Watcher::Openjd if matches!(event, Event::Ends(..)) => tell_openjd(done, of),
-            Watcher::Openjd => {}
+            Watcher::Openjd if matches!(event, Event::Begins(_)) => {}
+            Watcher::Openjd => self.tell_openjd(done, of),
             Watcher::Slurm => self.tell_slurm(done, of),
+        }
+    }
+
+    /// As its runners read it from stdout (How Jobs Are Run, 2023-09).
+    fn tell_openjd(&mut self, done: u64, of: u64) {
+        let percent = 100 * done / of.max(1);
+        if self.percent.replace(percent) != Some(percent) {
+            // That nobody listens costs no row.
+            let _ = print_text(&format!("openjd_progress: {percent}\nopenjd_status: rows {done}/{of}\n"));
         }
     }
 
@@ -99,15 +108,10 @@ impl Drop for Teller {
     }
 }
 
-/// As OpenJD's runners read it from stdout (How Jobs Are Run, 2023-09).
-fn tell_openjd(done: u64, of: u64) {
-    // That nobody listens costs no row.
-    let _ = print_text(&format!("openjd_progress: {}\nopenjd_status: rows {done}/{of}\n", 100 * done / of.max(1)));
-}
-
 fn tell_json(event: Event<'_>, done: u64, of: u64) {
     let line = match event {
         Event::Begins(row) => json!({ "event": "begins", "row": row.id, "job": row.job, "done": done, "of": of }),
+        Event::Passes(row) => json!({ "event": "passes", "row": row.id, "job": row.job, "done": done, "of": of }),
         Event::Ends(row, record) => json!({
             "event": "ends", "row": row.id, "job": row.job, "state": record.state, "seconds": record.seconds,
             "exit_code": record.exit_code, "error": record.error, "done": done, "of": of,

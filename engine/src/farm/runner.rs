@@ -108,6 +108,8 @@ pub enum Event<'a> {
     Begins(&'a Row),
     /// It ended as this record says.
     Ends(&'a Row, &'a Record),
+    /// It is not begun: it is done already, or another worker has it, or what it needs has failed.
+    Passes(&'a Row),
 }
 
 /// One process that does rows.
@@ -155,8 +157,10 @@ impl Summary {
 
 /// What is to be done about a row.
 enum Considered {
-    /// Nothing more.
+    /// Nothing.
     Over(Looked),
+    /// Nothing more: it was refused, and that is written down.
+    Refused(Looked),
     /// It can be begun.
     Ready(Begun),
 }
@@ -230,7 +234,12 @@ impl<'a> Worker<'a> {
             match self.consider(place)? {
                 Considered::Over(Looked::Elsewhere) if needed.contains(&place) => again.push(place),
                 Considered::Over(Looked::Waits) => again.push(place),
-                Considered::Over(looked) => summary.count(&self.manifest.rows()[place], looked),
+                Considered::Over(looked) => {
+                    let row = &self.manifest.rows()[place];
+                    (self.watch)(Event::Passes(row));
+                    summary.count(row, looked);
+                }
+                Considered::Refused(looked) => summary.count(&self.manifest.rows()[place], looked),
                 Considered::Ready(row) if is_light => begun.push(row),
                 Considered::Ready(row) => self.attempt(vec![row], summary)?,
             }
@@ -316,7 +325,7 @@ impl<'a> Worker<'a> {
             let looked = self.settle(place, &mut record, Err(EngineError::CannotCreate { path: output, reason }))?;
             (self.watch)(Event::Ends(row, &record));
             self.journal.add(&[record])?;
-            return Ok(Considered::Over(looked));
+            return Ok(Considered::Refused(looked));
         }
         if is_ours {
             remove_partials(&output)?;
