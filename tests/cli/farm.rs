@@ -339,7 +339,7 @@ fn monitors_and_logs_are_told_in_their_own_ways() {
             std::thread::sleep(std::time::Duration::from_millis(20));
         }
     }
-    assert!(comment().starts_with("update jobid=42 comment=rows 0/2\n"), "{}", comment());
+    assert!(comment().starts_with("update jobid=42 comment=rows 1/2\n"), "{}", comment());
 }
 
 #[test]

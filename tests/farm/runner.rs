@@ -250,6 +250,23 @@ fn light_rows_are_done_several_at_once_and_recorded_each() {
 }
 
 #[test]
+fn rows_with_devices_of_their_own_are_done_at_once_where_it_is_asked_for() {
+    let farm = Farm::new(&[
+        "id,job,input,output,does,light",
+        "a,copy,x,1,,",
+        "b,copy,x,2,lose the device,",
+        "l,copy,x,3,,yes",
+        "c,copy,x,4,,",
+    ]);
+    farm.put("x", "1");
+    let mut jobs = Copying { folder: farm.folder.path().to_path_buf(), ..Copying::default() };
+    let summary = run_with(&farm.manifest(), Policy { at_once: 2, ..Policy::default() }, &mut jobs);
+    assert_eq!((summary.done, summary.failed), (4, vec![]));
+    assert_eq!(jobs.at_once, [2], "two that need a device, and no light row among them");
+    assert_eq!(ids(&jobs.ran), ["a", "b", "b", "l", "c"], "the one that lost its device was done again, alone");
+}
+
+#[test]
 fn workers_at_once_do_every_row_once() {
     let rows: Vec<String> = (0..60)
         .map(|n| format!("r{n},copy,{},{n}.out", if n < 20 { "x".to_owned() } else { format!("{}.out", n - 20) }))

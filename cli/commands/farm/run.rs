@@ -47,6 +47,12 @@ pub(super) struct RunArgs {
     /// Begin no other row once as many have failed
     #[arg(long, value_name = "N")]
     max_failures: Option<usize>,
+    /// Rows to do at once that need the device, each with a device and memory of its own
+    ///
+    /// Worth it where one row leaves much of the device idle: small assets, and processors. Small conversions are done
+    /// eight at once whatever this says.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    at_once: u32,
     /// Who is told how far it is
     #[arg(long, value_enum, value_name = "WATCHER", default_value = "auto")]
     progress: Watcher,
@@ -86,13 +92,13 @@ pub(super) fn run(
     // Paths of rows are relative to the manifest, whichever flag they stand behind.
     std::env::set_current_dir(manifest.folder()).map_err(io)?;
     let mut teller = Teller::new(args.progress, common, places.len());
-    let session = Arc::new(Session::default());
-    let shared = Common { quiet: common.verbose == 0, session: Some(Arc::clone(&session)), ..common.clone() };
-    let mut jobs = Commands { manifest: manifest.path(), command, shared, session, dispatch };
+    let shared = Common { quiet: common.verbose == 0, ..common.clone() };
+    let mut jobs = Commands { manifest: manifest.path(), command, shared, sessions: Vec::new(), dispatch };
     let policy = Policy {
         retry_failed: args.retry_failed,
         replace: args.overwrite.is_asked(),
         max_failures: if args.fail_fast { Some(1) } else { args.max_failures },
+        at_once: args.at_once as usize,
     };
     let mut watch = |event: Event<'_>| teller.tell(event);
     let summary = Worker::new(&manifest, policy, &mut jobs, &mut watch)?.run(&places)?;
@@ -129,7 +135,8 @@ struct Commands<'a> {
     command: CommandLine,
     /// What all rows have in common.
     shared: Common,
-    session: Arc<Session>,
+    /// One for each row that is done at once: its device, and what is on it.
+    sessions: Vec<Arc<Session>>,
     dispatch: Dispatch<'a>,
 }
 
@@ -146,10 +153,18 @@ impl Commands<'_> {
         let (job, matches) = self.command.parse(self.manifest, row, attempt)?;
         Ok(Parsed { job, matches, id: row.id.clone(), output: PathBuf::from(&row.output) })
     }
+
+    /// Sessions for as many rows at once.
+    fn sessions(&mut self, rows: usize) -> &[Arc<Session>] {
+        let have = self.sessions.len();
+        self.sessions.resize_with(have.max(rows), Arc::default);
+        &self.sessions[..rows]
+    }
 }
 
 impl Parsed {
-    fn run(&self, shared: Common, session: &Session, dispatch: Dispatch<'_>) -> Result<Ended, EngineError> {
+    fn run(&self, shared: &Common, session: &Arc<Session>, dispatch: Dispatch<'_>) -> Result<Ended, EngineError> {
+        let shared = Common { session: Some(Arc::clone(session)), ..shared.clone() };
         // What is logged meanwhile names the row, whatever the level.
         let _row = tracing::error_span!("row", id = self.id).entered();
         let outcome = dispatch(&self.matches, shared)?;
@@ -162,7 +177,9 @@ impl Parsed {
 
 impl Jobs for Commands<'_> {
     fn run(&mut self, row: &Row, attempt: Attempt) -> Result<Ended, EngineError> {
-        self.parse(row, attempt)?.run(self.shared.clone(), &self.session, self.dispatch)
+        let row = self.parse(row, attempt)?;
+        let session = Arc::clone(&self.sessions(1)[0]);
+        row.run(&self.shared, &session, self.dispatch)
     }
 
     fn is_light(&self, row: &Row) -> bool {
@@ -171,17 +188,13 @@ impl Jobs for Commands<'_> {
 
     fn run_at_once(&mut self, rows: &[(&Row, Attempt)]) -> Vec<Result<Ended, EngineError>> {
         let parsed: Vec<_> = rows.iter().map(|(row, attempt)| self.parse(row, *attempt)).collect();
+        let sessions = self.sessions(rows.len()).to_vec();
         let (shared, dispatch) = (&self.shared, self.dispatch);
         std::thread::scope(|scope| {
-            let start = |row: Result<Parsed, EngineError>| {
-                scope.spawn(move || {
-                    // What it prints is told apart from what the others print.
-                    let session = Arc::new(Session::default());
-                    let shared = Common { session: Some(Arc::clone(&session)), ..shared.clone() };
-                    row.and_then(|row| row.run(shared, &session, dispatch))
-                })
+            let start = |(row, session): (Result<Parsed, EngineError>, Arc<Session>)| {
+                scope.spawn(move || row.and_then(|row| row.run(shared, &session, dispatch)))
             };
-            let running: Vec<_> = parsed.into_iter().map(start).collect();
+            let running: Vec<_> = parsed.into_iter().zip(sessions).map(start).collect();
             running.into_iter().map(|row| row.join().unwrap_or_else(|cause| resume_unwind(cause))).collect()
         })
     }
@@ -191,7 +204,7 @@ impl Jobs for Commands<'_> {
     }
 
     fn forget_device(&mut self) {
-        self.session.forget_device();
+        self.sessions.iter().for_each(|session| session.forget_device());
     }
 
     fn is_stopped(&self) -> bool {

@@ -36,7 +36,7 @@ pub trait Jobs {
         false
     }
 
-    /// Does light rows at once; what each came to, in their order.
+    /// Does rows at once, either light ones or such that need a device each; what each came to, in their order.
     fn run_at_once(&mut self, rows: &[(&Row, Attempt)]) -> Vec<Result<Ended, EngineError>> {
         rows.iter().map(|(row, attempt)| self.run(row, *attempt)).collect()
     }
@@ -82,6 +82,8 @@ pub struct Policy {
     pub replace: bool,
     /// After as many failures no other row is begun.
     pub max_failures: Option<usize>,
+    /// How many rows are done at once that are not light; 0 counts as 1.
+    pub at_once: usize,
 }
 
 /// What a worker achieved.
@@ -223,6 +225,8 @@ impl<'a> Worker<'a> {
         summary: &mut Summary,
     ) -> Result<Vec<usize>, EngineError> {
         let (mut again, mut begun, mut rest) = (Vec::new(), Vec::new(), 0);
+        // Light rows and others are not mixed.
+        let mut holds_light = false;
         for (nth, &place) in left.iter().enumerate() {
             let is_enough = self.policy.max_failures.is_some_and(|most| summary.failed.len() >= most);
             if self.jobs.is_stopped() || is_enough || summary.is_interrupted {
@@ -231,6 +235,10 @@ impl<'a> Worker<'a> {
                 break;
             }
             let is_light = self.jobs.is_light(&self.manifest.rows()[place]);
+            if is_light != holds_light {
+                self.attempt(std::mem::take(&mut begun), summary)?;
+                holds_light = is_light;
+            }
             match self.consider(place)? {
                 Considered::Over(Looked::Elsewhere) if needed.contains(&place) => again.push(place),
                 Considered::Over(Looked::Waits) => again.push(place),
@@ -240,10 +248,9 @@ impl<'a> Worker<'a> {
                     summary.count(row, looked);
                 }
                 Considered::Refused(looked) => summary.count(&self.manifest.rows()[place], looked),
-                Considered::Ready(row) if is_light => begun.push(row),
-                Considered::Ready(row) => self.attempt(vec![row], summary)?,
+                Considered::Ready(row) => begun.push(row),
             }
-            if begun.len() == AT_ONCE {
+            if begun.len() >= if is_light { AT_ONCE } else { self.policy.at_once.max(1) } {
                 self.attempt(std::mem::take(&mut begun), summary)?;
             }
         }
@@ -335,7 +342,7 @@ impl<'a> Worker<'a> {
         Ok(Considered::Ready(Begun { place, attempt, record, claim }))
     }
 
-    /// Does one row, or several light ones, and writes down what became of them.
+    /// Does one row, or several at once, and writes down what became of them.
     fn attempt(&mut self, mut begun: Vec<Begun>, summary: &mut Summary) -> Result<(), EngineError> {
         if begun.is_empty() {
             return Ok(());
@@ -346,10 +353,7 @@ impl<'a> Worker<'a> {
             begun.iter().map(|begun| (&self.manifest.rows()[begun.place], begun.attempt)).collect();
         rows.iter().for_each(|(row, _)| (self.watch)(Event::Begins(row)));
         let started = Instant::now();
-        let ended = match &rows[..] {
-            [(row, attempt)] => vec![self.run_twice(row, *attempt)],
-            several => self.jobs.run_at_once(several),
-        };
+        let ended = self.run_twice(&rows);
         // Rows that were done at once share the time that they took.
         let seconds = started.elapsed().as_secs_f64() / rows.len() as f64;
         let mut looked = Vec::with_capacity(rows.len());
@@ -367,15 +371,22 @@ impl<'a> Worker<'a> {
         Ok(())
     }
 
-    /// Does a row; once more on a fresh device where the device was lost.
-    fn run_twice(&mut self, row: &Row, attempt: Attempt) -> Result<Ended, EngineError> {
-        match self.jobs.run(row, attempt) {
-            Err(EngineError::Kernel(KernelError::DeviceLost { .. })) => {
-                self.jobs.forget_device();
-                self.jobs.run(row, attempt)
-            }
-            ended => ended,
+    /// Does rows; those that lost the device once more, alone and on a fresh one.
+    fn run_twice(&mut self, rows: &[(&Row, Attempt)]) -> Vec<Result<Ended, EngineError>> {
+        let ended = match rows {
+            [(row, attempt)] => vec![self.jobs.run(row, *attempt)],
+            several => self.jobs.run_at_once(several),
+        };
+        let is_lost = |ended: &Result<Ended, EngineError>| {
+            matches!(ended, Err(EngineError::Kernel(KernelError::DeviceLost { .. })))
+        };
+        if ended.iter().any(is_lost) {
+            self.jobs.forget_device();
         }
+        let again = |((row, attempt), ended): (&(&Row, Attempt), Result<Ended, EngineError>)| {
+            if is_lost(&ended) { self.jobs.run(row, *attempt) } else { ended }
+        };
+        rows.iter().zip(ended).map(again).collect()
     }
 
     /// Puts into the record how a row ended.
