@@ -2,11 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use rayon::prelude::*;
 use serde::Serialize;
 
 use super::journal::Journal;
-use super::manifest::Manifest;
+use super::manifest::{Manifest, Row};
 use super::record::{Known, State};
+use crate::base::digest::Digest;
 use crate::error::EngineError;
 
 /// Most rows that are named as the slowest.
@@ -74,8 +76,9 @@ impl Status {
         let mut status = Self { rows: manifest.rows().len(), ..Self::default() };
         let mut paces: BTreeMap<&str, Pace> = BTreeMap::new();
         let mut done: Vec<&Known> = Vec::new();
-        for row in manifest.rows() {
-            let record = journal.last(&row.id).filter(|record| record.settings == row.settings_hash());
+        let settings: Vec<Digest> = manifest.rows().par_iter().map(Row::settings_hash).collect();
+        for (row, settings) in manifest.rows().iter().zip(settings) {
+            let record = journal.last(&row.id).filter(|record| record.settings == settings);
             let pace = paces.entry(&row.job).or_default();
             match record.map(|record| (record.state, record)) {
                 Some((State::Done, record)) => {
