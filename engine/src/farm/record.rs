@@ -70,8 +70,7 @@ pub enum State {
 /// What is kept in mind of a record: a manifest may have a million rows.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Known {
-    #[serde(deserialize_with = "is_this_schema", rename = "schema")]
-    _schema: (),
+    schema: Schema,
     /// The row's.
     pub id: String,
     /// From 1.
@@ -100,8 +99,14 @@ fn as_this_schema<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String, 
     }
 }
 
-fn is_this_schema<'de, D: Deserializer<'de>>(deserializer: D) -> Result<(), D::Error> {
-    as_this_schema(deserializer).map(drop)
+/// That a line is of this schema.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Schema;
+
+impl<'de> Deserialize<'de> for Schema {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        as_this_schema(deserializer).map(|_| Self)
+    }
 }
 
 fn as_one_hash<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Digest, D::Error> {
@@ -143,7 +148,7 @@ impl Record {
     #[must_use]
     pub fn known(&self) -> Known {
         Known {
-            _schema: (),
+            schema: Schema,
             id: self.id.clone(),
             attempt: self.attempt,
             state: self.state,

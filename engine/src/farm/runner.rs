@@ -164,7 +164,7 @@ enum Considered {
     /// Nothing more: it was refused, and that is written down.
     Refused(Looked),
     /// It can be begun.
-    Ready(Begun),
+    Ready(Box<Begun>),
 }
 
 /// A row that this worker begins.
@@ -248,7 +248,7 @@ impl<'a> Worker<'a> {
                     summary.count(row, looked);
                 }
                 Considered::Refused(looked) => summary.count(&self.manifest.rows()[place], looked),
-                Considered::Ready(row) => begun.push(row),
+                Considered::Ready(row) => begun.push(*row),
             }
             if begun.len() >= if is_light { AT_ONCE } else { self.policy.at_once.max(1) } {
                 self.attempt(std::mem::take(&mut begun), summary)?;
@@ -339,7 +339,7 @@ impl<'a> Worker<'a> {
             remove_partials(&checkpoint::path_beside(&output))?;
         }
         let attempt = Attempt { number, replaces: is_ours || self.policy.replace, goes_on };
-        Ok(Considered::Ready(Begun { place, attempt, record, claim }))
+        Ok(Considered::Ready(Box::new(Begun { place, attempt, record, claim })))
     }
 
     /// Does one row, or several at once, and writes down what became of them.
