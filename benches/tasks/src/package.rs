@@ -13,7 +13,7 @@ use crate::error::{Error, Naming, Result};
 use crate::licences::third_party;
 use crate::needed::dependencies;
 use crate::process::{output, run as run_program, run_aside};
-use crate::programs::{executable, strip};
+use crate::programs::{guard4d, strip};
 use crate::workspace::{Workspace, empty_folder, say};
 
 /// Pack guard4d as a Debian package and as a .tar.gz, with man pages, completions and licences
@@ -62,7 +62,7 @@ pub(crate) fn run(workspace: &Workspace, args: &PackageArgs) -> Result<()> {
     }
     let program = match &args.program {
         Some(program) => program.clone(),
-        None => build(workspace)?,
+        None => guard4d(workspace)?,
     };
     let epoch = epoch(workspace.root(), env::var("SOURCE_DATE_EPOCH").ok())?;
     let source = Source { program, licences: third_party(workspace)?, epoch };
@@ -86,13 +86,6 @@ pub(crate) fn run(workspace: &Workspace, args: &PackageArgs) -> Result<()> {
         bare::check(workspace, &packed)?;
     }
     fs::remove_dir_all(&work).of_file(&work)
-}
-
-/// Builds the program.
-fn build(workspace: &Workspace) -> Result<PathBuf> {
-    workspace.need(&["compiler"])?;
-    let options = ["--release", "--locked", "--bin", "guard4d", "--message-format", "json-render-diagnostics"];
-    executable(&output(workspace.cargo("build").args(options))?, "guard4d")
 }
 
 /// Writes the Debian package and the other archive into `out`, and returns their paths. Works in `work`, which it

@@ -4,7 +4,15 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::error::{Error, Result};
-use crate::process::run;
+use crate::process::{output, run};
+use crate::workspace::Workspace;
+
+/// Builds guard4d as it is shipped; its path.
+pub(crate) fn guard4d(workspace: &Workspace) -> Result<PathBuf> {
+    workspace.need(&["compiler"])?;
+    let options = ["--release", "--locked", "--bin", "guard4d", "--message-format", "json-render-diagnostics"];
+    executable(&output(workspace.cargo("build").args(options))?, "guard4d")
+}
 
 /// The path of the program `name` in what cargo prints for machines.
 pub(crate) fn executable(messages: &str, name: &str) -> Result<PathBuf> {

@@ -8,7 +8,7 @@ use super::figures::Figures;
 use super::site::Ground;
 use super::{chaos, openjd, scale, slurm};
 use crate::error::{Naming, Result};
-use crate::process::run as run_program;
+use crate::programs::guard4d;
 use crate::workspace::{Workspace, say};
 
 /// Run farms for real: on Slurm, in OpenJD's runner, with workers that are killed, and with many rows
@@ -47,7 +47,7 @@ const ALL: [Check; 4] = [Check::Slurm, Check::Openjd, Check::Chaos, Check::Scale
 pub(crate) fn run(workspace: &Workspace, args: &FarmArgs) -> Result<()> {
     let program = match &args.program {
         Some(file) => file.canonicalize().of_file(file)?,
-        None => built(workspace)?,
+        None => guard4d(workspace)?,
     };
     let ground = Ground::new(program)?;
     for check in ALL.into_iter().filter(|check| args.checks.is_empty() || args.checks.contains(check)) {
@@ -77,11 +77,4 @@ fn write(folder: &Path, check: Check, figures: &Figures) -> Result<()> {
     std::fs::create_dir_all(folder).of_file(folder)?;
     let path = folder.join(format!("{}.csv", name(check)));
     std::fs::write(&path, figures.csv()).of_file(&path)
-}
-
-fn built(workspace: &Workspace) -> Result<PathBuf> {
-    workspace.need(&["compiler"])?;
-    run_program(workspace.cargo("build").args(["--release", "--bin", "guard4d"]))?;
-    let path = workspace.path("target/release/guard4d");
-    path.canonicalize().of_file(&path)
 }
