@@ -8,6 +8,7 @@
 
 use guard4d_kernels::image::resize::ImageSize;
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 use super::foreground::{NotFound, Thing, find, without_corners};
 use super::part::{Fit, Look, Part, TURNS_DEG, Window, turned};
@@ -72,7 +73,7 @@ impl KnownViews {
     pub fn parts(&self, frames: &[Frame]) -> Vec<Part> {
         let Some(first) = frames.first() else { return Vec::new() };
         let size = ImageSize { height: first.height() as usize, width: first.width() as usize };
-        settle(&frames.iter().map(|frame| self.look(frame)).collect::<Vec<_>>(), size)
+        settle(&frames.par_iter().map(|frame| self.look(frame)).collect::<Vec<_>>(), size)
     }
 
     /// What one frame by itself says; [`settle`] makes use of those around it.

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use guard4d_kernels::Device;
 use guard4d_kernels::image::resize::ImageSize;
 use rand_chacha::ChaCha20Rng;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::base::prf::{Prf, Purpose, standard_normal};
@@ -131,25 +132,21 @@ impl HeldOut {
         let clean_frames = render(device, model, &model.gaussians, &clips)?;
         let gaussians = Gaussians { sh_coeffs: marked_sh.to_vec(), ..model.gaussians.clone() };
         let marked_frames = render(device, model, &gaussians, &clips)?;
+        let pairs: Vec<_> = clean_frames
+            .par_iter()
+            .zip(&marked_frames)
+            .map(|(clean, marked)| Pair::of(clean, marked))
+            .collect::<Result<_, _>>()?;
         let empty = || vec![Vec::new(); clips.len()];
         let mut out =
             Self { marked: empty(), clean: empty(), errors: Vec::new(), ssim: Vec::new(), colour_difference: None };
         let mut colour_differences = Vec::new();
-        for (RenderedFrame { clip: number, width, height, pixels: clean }, marked) in
-            clean_frames.into_iter().zip(marked_frames)
-        {
-            let frame = Frame::from_rgba32f(width, height, &marked.pixels)?;
-            let clamped: Vec<f32> = clean.iter().map(|v| v.clamp(0.0, 1.0)).collect();
-            let reference = Picture::from_rgba32f(width, height, &clamped)?;
-            let picture = Picture::from_frame(&frame);
-            let mask = foreground(clean.iter().skip(3).step_by(4).copied(), FOREGROUND_TRANSMITTANCE);
-            let whole = SquaredError::between(&picture, &reference)?;
-            out.errors.push((whole, SquaredError::within(&picture, &reference, &mask)?));
-            out.ssim.push(ssim(&picture, &reference)?);
-            let clean = Frame::from_rgba32f(width, height, &clean)?;
-            colour_differences.extend(pixels_within(&frame, &clean, &mask)?);
-            out.clean[number].push(clean);
-            out.marked[number].push(frame);
+        for (pair, RenderedFrame { clip: number, .. }) in pairs.into_iter().zip(&clean_frames) {
+            out.errors.push(pair.errors);
+            out.ssim.push(pair.ssim);
+            colour_differences.extend(pair.colour_differences);
+            out.clean[*number].push(pair.clean);
+            out.marked[*number].push(pair.marked);
         }
         out.colour_difference = ColourDifference::of(colour_differences);
         Ok(out)
@@ -357,6 +354,32 @@ struct RenderedFrame {
     height: u32,
     /// `[H,W,4]`
     pixels: Vec<f32>,
+}
+
+/// One frame in 8 bits without and with the mark, and how far apart they are.
+struct Pair {
+    clean: Frame,
+    marked: Frame,
+    /// Of the whole frame and of the object, marked 8-bit against clean float.
+    errors: (SquaredError, SquaredError),
+    ssim: f64,
+    colour_differences: Vec<f32>,
+}
+
+impl Pair {
+    fn of(clean: &RenderedFrame, marked: &RenderedFrame) -> Result<Self, EngineError> {
+        let (width, height) = (clean.width, clean.height);
+        let marked = Frame::from_rgba32f(width, height, &marked.pixels)?;
+        let clamped: Vec<f32> = clean.pixels.iter().map(|v| v.clamp(0.0, 1.0)).collect();
+        let (picture, reference) = (Picture::from_frame(&marked), Picture::from_rgba32f(width, height, &clamped)?);
+        let mask = foreground(clean.pixels.iter().skip(3).step_by(4).copied(), FOREGROUND_TRANSMITTANCE);
+        let whole = SquaredError::between(&picture, &reference)?;
+        let errors = (whole, SquaredError::within(&picture, &reference, &mask)?);
+        let ssim = ssim(&picture, &reference)?;
+        let clean = Frame::from_rgba32f(width, height, &clean.pixels)?;
+        let colour_differences = pixels_within(&marked, &clean, &mask)?;
+        Ok(Self { clean, marked, errors, ssim, colour_differences })
+    }
 }
 
 fn render(

@@ -75,9 +75,9 @@ impl Renderer {
     /// # Errors
     /// When device memory runs out or the device fails.
     pub fn fix_view(&self, mut plan: FramePlan) -> Result<FramePlan, EngineError> {
-        let mut base = self.device.buffer("plan.base", 4 * plan.num_visible())?;
-        let none = self.device.buffer("plan.no_dirs", 0)?;
         let mut rec = self.device.recorder()?;
+        let mut base = rec.zeros("plan.base", 4 * plan.num_visible())?;
+        let none = rec.zeros("plan.no_dirs", 0)?;
         sh::before_clamp(&mut rec, &sh_inputs(&plan, None), &plan.visible(), &mut base)?;
         rec.submit()?;
         plan.keep_base(base, none);

@@ -4,9 +4,9 @@ use std::mem::swap;
 
 use super::prefix_sum;
 use crate::error::KernelError;
-use crate::registry::scan::{radix_sort_count, radix_sort_scatter};
+use crate::registry::scan::{radix_sort_count, radix_sort_count_tile, radix_sort_scatter, radix_sort_scatter_tile};
 use crate::shape::{dim, require_len};
-use crate::vk::{Buffer, Device, Grid, Recorder};
+use crate::vk::{Buffer, Device, Grid, KernelFamily, Recorder};
 
 /// Invocations of one workgroup of the lane kernels.
 const GROUP: usize = 8;
@@ -14,8 +14,18 @@ const GROUP: usize = 8;
 const MIN_CHUNK: usize = 512;
 /// Lanes at most.
 const MAX_LANES: usize = 512;
-/// Bits of the widest digit.
-const MAX_DIGIT_BITS: u32 = 8;
+/// Pairs that a workgroup of the tile kernels sorts, and its invocations.
+const TILE_PAIRS: usize = 2048;
+const TILE_GROUP: usize = 128;
+
+/// Bits of the widest digit: a lane keeps a counter for each of its values in memory of its own, an invocation of the
+/// tile kernels in the little that a workgroup shares.
+fn max_digit_bits(family: KernelFamily) -> u32 {
+    match family {
+        KernelFamily::Lanes => 8,
+        KernelFamily::Tiles => 4,
+    }
+}
 
 /// Pairs to sort, their second copy and the digit counters.
 #[derive(Debug)]
@@ -37,7 +47,8 @@ impl SortPairs {
     /// When memory runs out.
     pub fn new(device: &Device, name: &str, capacity: usize) -> Result<Self, KernelError> {
         let padded = capacity.max(1).next_multiple_of(4);
-        let table = (lanes(capacity) << MAX_DIGIT_BITS) + 4;
+        let family = device.family();
+        let table = (columns(family, capacity) << max_digit_bits(family)) + 4;
         let buffer = |what: &str, len| device.buffer(&format!("{name}.{what}"), len);
         Ok(Self {
             keys: buffer("keys", padded)?,
@@ -62,8 +73,12 @@ impl SortPairs {
     }
 }
 
-fn lanes(n: usize) -> usize {
-    n.div_ceil(MIN_CHUNK).clamp(GROUP, MAX_LANES).next_multiple_of(GROUP)
+/// Columns of the table of counters: lanes, or workgroups of the tile kernels.
+fn columns(family: KernelFamily, n: usize) -> usize {
+    match family {
+        KernelFamily::Lanes => n.div_ceil(MIN_CHUNK).clamp(GROUP, MAX_LANES).next_multiple_of(GROUP),
+        KernelFamily::Tiles => n.div_ceil(TILE_PAIRS).max(1),
+    }
 }
 
 /// Sorts the first `n` pairs by the low `bits` of their keys; equal keys keep their order.
@@ -80,39 +95,56 @@ pub fn sort(rec: &mut Recorder, pairs: &mut SortPairs, n: usize, bits: u32) -> R
     if n == 0 {
         return Ok(());
     }
-    let passes = bits.clamp(1, u32::BITS).div_ceil(MAX_DIGIT_BITS);
+    let passes = bits.clamp(1, u32::BITS).div_ceil(max_digit_bits(rec.family()));
     let digit_bits = bits.div_ceil(passes);
     for pass in 0..passes {
-        one_digit(rec, pairs, n, pass * digit_bits, digit_bits)?;
+        one_digit(rec, pairs, n, Digit { shift: pass * digit_bits, bits: digit_bits })?;
+        swap(&mut pairs.keys, &mut pairs.other_keys);
+        swap(&mut pairs.values, &mut pairs.other_values);
     }
     Ok(())
 }
 
-fn one_digit(
-    rec: &mut Recorder,
-    pairs: &mut SortPairs,
-    n: usize,
+/// Bits of the keys that one pass sorts by.
+#[derive(Clone, Copy)]
+struct Digit {
     shift: u32,
-    digit_bits: u32,
-) -> Result<(), KernelError> {
-    let lanes = lanes(n);
-    let chunk = dim(n.div_ceil(4).div_ceil(lanes));
-    let (bins, grid) = (1usize << digit_bits, Grid::threads(lanes));
-    let (n, lanes_dim) = (dim(n), dim(lanes));
-    let params = radix_sort_count::Params { n, chunk, lanes: lanes_dim, shift };
-    let spec = radix_sort_count::Spec { bins: dim(bins) };
-    rec.dispatch_spec(radix_sort_count::Bind { keys: &pairs.keys, table: &mut pairs.table }, params, spec, grid)?;
-    prefix_sum::exclusive(rec, &mut pairs.table, bins * lanes, &mut pairs.scan)?;
-    let bind = radix_sort_scatter::Bind {
-        keys: &pairs.keys,
-        values: &pairs.values,
-        table: &pairs.table,
-        sorted_keys: &mut pairs.other_keys,
-        sorted_values: &mut pairs.other_values,
-    };
-    let params = radix_sort_scatter::Params { n, chunk, lanes: lanes_dim, shift };
-    rec.dispatch_spec(bind, params, radix_sort_scatter::Spec { bins: dim(bins) }, grid)?;
-    swap(&mut pairs.keys, &mut pairs.other_keys);
-    swap(&mut pairs.values, &mut pairs.other_values);
-    Ok(())
+    bits: u32,
+}
+
+fn one_digit(rec: &mut Recorder, pairs: &mut SortPairs, n: usize, digit: Digit) -> Result<(), KernelError> {
+    /// Counts, sums and moves with the programs of one family; only the modules that the types come from differ, and
+    /// how the work is split.
+    macro_rules! one_digit {
+        ($count:ident, $scatter:ident, $columns:expr, $grid:expr, { $($split:ident: $value:expr),* }) => {{
+            let (columns, grid) = ($columns, $grid);
+            let bins = 1usize << digit.bits;
+            let bind = $count::Bind { keys: &pairs.keys, table: &mut pairs.table };
+            let params = $count::Params { n: dim(n), shift: digit.shift, $($split: $value),* };
+            rec.dispatch_spec(bind, params, $count::Spec { bins: dim(bins) }, grid)?;
+            prefix_sum::exclusive(rec, &mut pairs.table, bins * columns, &mut pairs.scan)?;
+            let bind = $scatter::Bind {
+                keys: &pairs.keys,
+                values: &pairs.values,
+                table: &pairs.table,
+                sorted_keys: &mut pairs.other_keys,
+                sorted_values: &mut pairs.other_values,
+            };
+            let params = $scatter::Params { n: dim(n), shift: digit.shift, $($split: $value),* };
+            rec.dispatch_spec(bind, params, $scatter::Spec { bins: dim(bins) }, grid)
+        }};
+    }
+    let family = rec.family();
+    let columns = columns(family, n);
+    match family {
+        KernelFamily::Lanes => {
+            let chunk = dim(n.div_ceil(4).div_ceil(columns));
+            let grid = Grid::threads(columns);
+            one_digit!(radix_sort_count, radix_sort_scatter, columns, grid, { chunk: chunk, lanes: dim(columns) })
+        }
+        KernelFamily::Tiles => {
+            let grid = Grid::threads(columns * TILE_GROUP);
+            one_digit!(radix_sort_count_tile, radix_sort_scatter_tile, columns, grid, { groups: dim(columns) })
+        }
+    }
 }

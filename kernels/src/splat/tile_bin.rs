@@ -60,8 +60,9 @@ pub struct VisibleLists {
 }
 
 impl VisibleLists {
+    /// Lists for passes of `rec`.
     fn new(
-        device: &Device,
+        rec: &mut Recorder,
         grid: TileGrid,
         num_visible: usize,
         num_isects: usize,
@@ -73,14 +74,14 @@ impl VisibleLists {
             num_visible,
             num_isects,
             num_active,
-            geom: device.buffer("lists.geom", 8 * num_visible)?,
-            dirs: device.buffer("lists.dirs", 4 * num_visible)?,
-            splat_from_visible: device.buffer("lists.splat_from_visible", num_visible)?,
-            tile_offsets: device.buffer("lists.tile_offsets", grid.num_tiles() as usize + 1)?,
-            splat_from_isect: device.buffer("lists.splat_from_isect", isects)?,
-            slot_from_isect: device.buffer("lists.slot_from_isect", isects)?,
-            slot_ranges: device.buffer("lists.slot_ranges", 2 * num_visible)?,
-            tile_order: device.buffer("lists.tile_order", grid.num_tiles() as usize)?,
+            geom: rec.zeros("lists.geom", 8 * num_visible)?,
+            dirs: rec.zeros("lists.dirs", 4 * num_visible)?,
+            splat_from_visible: rec.zeros("lists.splat_from_visible", num_visible)?,
+            tile_offsets: rec.zeros("lists.tile_offsets", grid.num_tiles() as usize + 1)?,
+            splat_from_isect: rec.zeros("lists.splat_from_isect", isects)?,
+            slot_from_isect: rec.zeros("lists.slot_from_isect", isects)?,
+            slot_ranges: rec.zeros("lists.slot_ranges", 2 * num_visible)?,
+            tile_order: rec.zeros("lists.tile_order", grid.num_tiles() as usize)?,
         })
     }
 
@@ -185,6 +186,8 @@ pub struct TileBinner {
     pairs: Option<PairScratch>,
     tiles: Option<TileScratch>,
     scan: prefix_sum::Scratch,
+    /// What the host waits for between two stages.
+    found: Buffer<u32>,
 }
 
 impl TileBinner {
@@ -194,7 +197,8 @@ impl TileBinner {
     /// When memory runs out.
     pub fn new(device: &Device) -> Result<Self, KernelError> {
         let scan = prefix_sum::Scratch::new(device, "tile_bin")?;
-        Ok(Self { device: device.clone(), splats: None, pairs: None, tiles: None, scan })
+        let found = device.readback("tile_bin.found", 4)?;
+        Ok(Self { device: device.clone(), splats: None, pairs: None, tiles: None, scan, found })
     }
 
     /// Projects, sorts and bins the splats of one view; runs at once and waits.
@@ -225,8 +229,10 @@ impl TileBinner {
         }
         let num_active = self.emit(job, total, &mut passes)?;
         let (num_visible, num_isects) = self.select(job, total, prune, num_active, &mut passes)?;
-        let mut lists = VisibleLists::new(&self.device, job.grid, num_visible, num_isects, num_active)?;
-        self.compact(job, total, &mut lists, &mut passes)?;
+        let mut rec = self.device.recorder()?;
+        let mut lists = VisibleLists::new(&mut rec, job.grid, num_visible, num_isects, num_active)?;
+        self.compact(&mut rec, job, total, &mut lists)?;
+        passes.extend(rec.submit()?.passes);
         Ok((lists, Timings { passes }))
     }
 
@@ -257,8 +263,9 @@ impl TileBinner {
         let params = tile_bin_count::Params { n: dim(job.n), bands: job.bands, band_rows: job.band_rows };
         rec.dispatch(bind, params, Grid::threads(job.counts()))?;
         prefix_sum::exclusive(&mut rec, &mut scratch.slot_offsets, job.counts(), &mut self.scan)?;
+        rec.copy(&scratch.slot_offsets, job.counts(), &mut self.found, 0, 1)?;
         passes.extend(rec.submit()?.passes);
-        element(&scratch.slot_offsets, job.counts())
+        self.first_found()
     }
 
     /// Writes the pairs, sorts them by tile and finds where each tile begins; returns the number of active tiles.
@@ -295,11 +302,17 @@ impl TileBinner {
         let bits = u32::BITS - (num_tiles - 1).leading_zeros();
         radix_sort::sort(&mut rec, &mut pairs.sort, total, bits.max(1))?;
         order_tiles(&mut rec, &pairs.sort.keys, total, tiles, &mut self.scan)?;
+        rec.copy(&tiles.active, num_tiles as usize, &mut self.found, 0, 1)?;
         passes.extend(rec.submit()?.passes);
         if job.n > MAX_TILE_PAIRS {
             longest_list_fits(&tiles.offsets)?;
         }
-        element(&tiles.active, num_tiles as usize)
+        self.first_found()
+    }
+
+    /// The number that the last submission left for the host.
+    fn first_found(&self) -> Result<usize, KernelError> {
+        Ok(self.found.read_range(0..1)?[0] as usize)
     }
 
     /// Decides which pairs and splats stay; returns V and I.
@@ -333,22 +346,18 @@ impl TileBinner {
         let params = tile_bin_keep::Params { n: dim(job.n), bands: job.bands };
         rec.dispatch(bind, params, Grid::threads(job.n))?;
         prefix_sum::exclusive(&mut rec, &mut scratch.visible, job.n, &mut self.scan)?;
+        rec.copy(&scratch.visible, job.n, &mut self.found, 0, 1)?;
+        rec.copy(&pairs.kept_isects, total, &mut self.found, 1, 1)?;
         passes.extend(rec.submit()?.passes);
-        Ok((element(&scratch.visible, job.n)?, element(&pairs.kept_isects, total)?))
+        let found = self.found.read_range(0..2)?;
+        Ok((found[0] as usize, found[1] as usize))
     }
 
     /// Gathers what stays.
-    fn compact(
-        &mut self,
-        job: Job,
-        total: usize,
-        lists: &mut VisibleLists,
-        passes: &mut Vec<PassTime>,
-    ) -> Result<(), KernelError> {
+    fn compact(&self, rec: &mut Recorder, job: Job, total: usize, lists: &mut VisibleLists) -> Result<(), KernelError> {
         let scratch = self.splats.as_ref().expect("count has filled it");
         let pairs = self.pairs.as_ref().expect("emit has filled it");
         let tiles = self.tiles.as_ref().expect("emit has filled it");
-        let mut rec = self.device.recorder()?;
         let bind = tile_bin_splats::Bind {
             geom: &scratch.projection.geom,
             dirs: &scratch.projection.dirs,
@@ -380,15 +389,15 @@ impl TileBinner {
         };
         let num_tiles = job.grid.num_tiles();
         rec.dispatch(bind, tile_bin_tiles::Params { num_tiles }, Grid::threads(num_tiles as usize + 1))?;
-        rec.copy(&tiles.order, 0, &mut lists.tile_order, 0, num_tiles as usize)?;
-        passes.extend(rec.submit()?.passes);
-        Ok(())
+        rec.copy(&tiles.order, 0, &mut lists.tile_order, 0, num_tiles as usize)
     }
 }
 
 /// Lists of a view that sees nothing.
 fn empty(device: &Device, grid: TileGrid) -> Result<VisibleLists, KernelError> {
-    let mut lists = VisibleLists::new(device, grid, 0, 0, 0)?;
+    let mut rec = device.recorder()?;
+    let mut lists = VisibleLists::new(&mut rec, grid, 0, 0, 0)?;
+    rec.submit()?;
     let order: Vec<u32> = (0..grid.num_tiles()).collect();
     lists.tile_order.write(&order)?;
     Ok(lists)
@@ -449,10 +458,6 @@ fn visit(
         KernelFamily::Lanes => visit!(rasterize_visit, workgroups(num_active)),
         KernelFamily::Tiles => visit!(rasterize_visit_tile, pixel_workgroups(num_active)),
     }
-}
-
-fn element(buffer: &Buffer<u32>, at: usize) -> Result<usize, KernelError> {
-    Ok(buffer.read_range(at..at + 1)?[0] as usize)
 }
 
 fn longest_list_fits(tile_offsets: &Buffer<u32>) -> Result<(), KernelError> {

@@ -8,7 +8,7 @@ use ash::vk;
 use super::buffer::{Buffer, BufferInner, Element};
 use super::device::Device;
 use super::memory::Purpose;
-use super::recorder::{copy_now, zero_now};
+use super::recorder::{Recorder, copy_now, zero_now};
 use crate::error::KernelError;
 
 impl Device {
@@ -51,6 +51,24 @@ impl Device {
             let mut padded = bytes.to_vec();
             padded.resize(usize::try_from(buffer.inner.bytes).unwrap_or(usize::MAX), 0);
             buffer.write_bytes(0, &padded)?;
+        }
+        Ok(buffer)
+    }
+}
+
+impl Recorder {
+    /// As [`Device::buffer`], for passes of this recorder: what has to be zeroed on the device is zeroed by a pass, and
+    /// [`Device::buffer`] submits one and waits. So until the recorder has run, the host finds anything in it.
+    ///
+    /// # Errors
+    /// [`KernelError::Allocation`] when memory runs out; [`KernelError::Shape`] for a section's recorder, which would
+    /// zero the buffer whenever it is replayed.
+    pub fn zeros<T: Element>(&mut self, name: &str, len: usize) -> Result<Buffer<T>, KernelError> {
+        self.expect_level(vk::CommandBufferLevel::PRIMARY)?;
+        let bytes = (len * size_of::<T>()) as u64;
+        let buffer = Buffer::<T>::of(BufferInner::new(self.device(), name, bytes, Purpose::Work)?, len);
+        if !buffer.clear_mapped() {
+            self.zero(&buffer.inner);
         }
         Ok(buffer)
     }
@@ -113,11 +131,16 @@ impl<T: Element> Buffer<T> {
     /// Zeros, the padding among them. The device writes them itself where the host cannot: a card's bus is the slower
     /// way, and staging as large as the buffer would count against the budget.
     fn clear(&self) -> Result<(), KernelError> {
-        let Some(target) = self.inner.mapped() else { return zero_now(&self.inner) };
+        if self.clear_mapped() { Ok(()) } else { zero_now(&self.inner) }
+    }
+
+    /// The same, if the host can.
+    fn clear_mapped(&self) -> bool {
+        let Some(target) = self.inner.mapped() else { return false };
         let bytes = usize::try_from(self.inner.bytes).unwrap_or(usize::MAX);
         // SAFETY: `target` maps the whole buffer, which nothing has used yet.
         unsafe { std::ptr::write_bytes(target, 0, bytes) };
-        Ok(())
+        true
     }
 
     fn write_bytes(&mut self, offset: usize, bytes: &[u8]) -> Result<(), KernelError> {

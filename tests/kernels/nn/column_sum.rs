@@ -12,7 +12,7 @@ use crate::support::random::Random;
 #[test]
 fn gpu_equals_the_twin_bit_for_bit_poison_included() {
     let Some(gpu) = device() else { return };
-    for (rows, width) in [(1, 4), (9, 12), (300, 36)] {
+    for (rows, width) in [(1, 4), (8, 8), (9, 12), (300, 36)] {
         let x = Random(rows as u64).vec_f32(rows * width, -1.0, 1.0);
         let on_gpu = |x: &[f32]| {
             let (x, mut sum) = (upload(&gpu, x), unwritten(&gpu, width));

@@ -60,7 +60,7 @@ impl Recorder {
         })
     }
 
-    fn device(&self) -> &DeviceInner {
+    pub(in crate::vk) fn device(&self) -> &Arc<DeviceInner> {
         &self.recording.device
     }
 
@@ -143,6 +143,11 @@ impl Recorder {
     /// Sets every element to `value`.
     pub fn fill<T: Element>(&mut self, buffer: &mut Buffer<T>, value: T) {
         self.fill_place(&buffer.inner, buffer.place(), bytemuck::cast(value_bytes(value)));
+    }
+
+    /// Zeroes a whole buffer.
+    pub(in crate::vk) fn zero(&mut self, buffer: &Arc<BufferInner>) {
+        self.fill_place(buffer, buffer.whole(), 0);
     }
 
     fn fill_place(&mut self, buffer: &Arc<BufferInner>, place: Place, bits: u32) {
@@ -291,7 +296,7 @@ impl Recorder {
     }
 
     /// Refuses what the recorder's command buffer cannot do: a section's is not submitted and runs no other.
-    pub(super) fn expect_level(&self, level: vk::CommandBufferLevel) -> Result<(), KernelError> {
+    pub(in crate::vk) fn expect_level(&self, level: vk::CommandBufferLevel) -> Result<(), KernelError> {
         match (self.recording.slot().level, level) {
             (got, expected) if got == expected => Ok(()),
             (vk::CommandBufferLevel::SECONDARY, _) => Err(misused("that of a section", "one of its own")),
@@ -324,7 +329,7 @@ pub(crate) fn copy_now(
 /// Zeroes a whole buffer in a submission of its own.
 pub(crate) fn zero_now(buffer: &Arc<BufferInner>) -> Result<(), KernelError> {
     let mut recorder = Recorder::new(&buffer.device)?;
-    recorder.fill_place(buffer, buffer.whole(), 0);
+    recorder.zero(buffer);
     recorder.submit().map(drop)
 }
 
