@@ -50,6 +50,7 @@ pub(crate) const FARM: FarmJob = FarmJob {
     },
     reserved: &["overwrite"],
     keep: keep_in_records,
+    trial: None,
 };
 
 pub(crate) fn run(args: &ConvertArgs, common: &Common) -> Result<Outcome, EngineError> {

@@ -46,6 +46,7 @@ pub(crate) const FARM: FarmJob = FarmJob {
     arguments: out_and_input,
     reserved: &["out", "overwrite"],
     keep: keep_in_records,
+    trial: None,
 };
 
 pub(crate) fn run(args: &KeygenArgs, common: &Common) -> Result<Outcome, EngineError> {

@@ -35,6 +35,7 @@ pub(crate) const FARM: FarmJob = FarmJob {
     arguments: out_and_input,
     reserved: &["out", "overwrite"],
     keep: keep_in_records,
+    trial: None,
 };
 
 pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<Outcome, EngineError> {

@@ -134,6 +134,7 @@ pub(crate) const FARM: FarmJob = FarmJob {
         let evidence = &report["evidence"];
         Ok(serde_json::json!({ "verdict": evidence["verdict"], "p_value": evidence["p_value"] }))
     },
+    trial: None,
 };
 
 pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineError> {

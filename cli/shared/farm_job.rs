@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use guard4d_engine::error::EngineError;
+use guard4d_engine::farm::forecast::Trial;
 use guard4d_engine::farm::manifest::Row;
 use guard4d_engine::farm::runner::Attempt;
 use serde_json::Value;
@@ -22,6 +23,8 @@ pub(crate) struct FarmJob {
     pub(crate) reserved: &'static [&'static str],
     /// Writes what the command prints as the output, where that is what it makes; what of it goes into the records.
     pub(crate) keep: fn(&Path, Value) -> Result<Value, EngineError>,
+    /// What a row of it would take, from what the command prints with `--dry-run`; none for a command without.
+    pub(crate) trial: Option<fn(&Value) -> Trial>,
 }
 
 /// What the command prints is for the records alone.

@@ -65,6 +65,60 @@ fn attempts_are_merged_once_and_those_that_hold_are_told() {
 }
 
 #[test]
+fn records_are_read_from_where_the_ledger_ends() {
+    let farm = farm();
+    let manifest = farm.manifest();
+    let mut one = Journal::open(&manifest.state(), "one").expect("readable");
+    let result = json!({ "peak_memory_bytes": 4096 });
+    one.add(&[Record { result, ..record(&manifest, 0, 1, State::Done, 5.0) }]).expect("writable");
+    one.add(&[record(&manifest, 1, 1, State::Failed, 1.0)]).expect("writable");
+    let alone = Journal::open(&manifest.state(), "two").expect("readable");
+    Ledger::merge(&manifest).expect("readable");
+    let file = manifest.state().join("one.jsonl");
+    // Lines that the ledger has are not looked at again, so that what is wrong in them is not seen.
+    let lines = fs::read(&file).expect("readable");
+    fs::write(&file, vec![b'x'; lines.len() - 1].into_iter().chain([b'\n']).collect::<Vec<u8>>()).expect("writable");
+    let merged = Journal::open(&manifest.state(), "two").expect("the ledger says it");
+    for id in ["a", "b"] {
+        assert!(merged.last(id).is_some() && merged.last(id) == alone.last(id), "{id} as the records say it");
+    }
+    // What came later stands behind it.
+    fs::write(&file, &lines).expect("writable");
+    one.add(&[record(&manifest, 1, 2, State::Done, 3.0)]).expect("writable");
+    let later = Journal::open(&manifest.state(), "two").expect("readable");
+    assert_eq!(later.last("b").map(|known| (known.attempt, known.state)), Some((2, State::Done)));
+    // A file that is shorter now is another one, and a ledger that cannot be read is left aside.
+    fs::remove_file(&file).expect("there");
+    let mut other = Journal::open(&manifest.state(), "one").expect("readable");
+    other.add(&[record(&manifest, 2, 1, State::Done, 2.0)]).expect("writable");
+    let other = Journal::open(&manifest.state(), "two").expect("readable");
+    assert!(other.last("a").is_some() && other.last("c").is_some(), "the ledger's and the new file's");
+    assert!(Ledger::merge(&manifest).expect("readable").csv().expect("whole").len() > 100, "here, too");
+    fs::write(Ledger::path_of(&manifest), "no database at all, but long enough to be taken for one").expect("writable");
+    let without = Journal::open(&manifest.state(), "two").expect("records say it");
+    assert!(without.last("a").is_none() && without.last("c").is_some(), "what the records say");
+}
+
+#[test]
+fn a_ledger_of_an_older_version_is_made_again() {
+    let farm = farm();
+    let manifest = farm.manifest();
+    let mut one = Journal::open(&manifest.state(), "one").expect("readable");
+    one.add(&[record(&manifest, 0, 1, State::Done, 5.0)]).expect("writable");
+    let path = Ledger::merge(&manifest).expect("readable").path().to_path_buf();
+    // SQLite's user_version, in the header.
+    let mut bytes = fs::read(&path).expect("there");
+    bytes[60..64].copy_from_slice(&1u32.to_be_bytes());
+    fs::write(&path, &bytes).expect("writable");
+    assert!(Ledger::open(&path).expect_err("older").to_string().contains("user_version"), "not read as it is");
+    let ledger = Ledger::merge(&manifest).expect("made again");
+    assert_eq!(ledger.jobs().expect("whole").len(), 1, "of all records");
+    bytes[60..64].copy_from_slice(&99u32.to_be_bytes());
+    fs::write(&path, &bytes).expect("writable");
+    Ledger::merge(&manifest).expect_err("a later version is not thrown away");
+}
+
+#[test]
 fn another_database_is_refused_and_left_as_it_is() {
     let farm = farm();
     let manifest = farm.manifest();

@@ -1,7 +1,9 @@
 //! Many jobs, one list: manifests, shares of them, claims, records, and a worker that does rows.
 
+mod ahead;
 mod claim;
 mod contents;
+mod forecast;
 mod journal;
 mod ledger;
 mod manifest;

@@ -10,6 +10,7 @@ use guard4d_engine::base::output::AtomicDir;
 use guard4d_engine::base::tensor_file::TensorFile;
 use guard4d_engine::device::MemoryUse;
 use guard4d_engine::error::EngineError;
+use guard4d_engine::farm::forecast::Trial;
 use guard4d_engine::release::delivery::{self, Delivery};
 use guard4d_engine::release::evaluate::Evaluation;
 use guard4d_engine::release::gate::Shortfall;
@@ -44,6 +45,9 @@ struct Printed<'a> {
     peak_used_bytes: u64,
 }
 
+/// What is written beside the marked model at the shipped settings, about: extractor, what undoes the mark, preview.
+const PRIVATE_BYTES: u64 = 10_000_000;
+
 pub(crate) const FARM: FarmJob = FarmJob {
     command: "embed",
     has_input: true,
@@ -56,6 +60,14 @@ pub(crate) const FARM: FarmJob = FarmJob {
     },
     reserved: &["dry-run", "out", "overwrite", "resume", "show-config"],
     keep: keep_in_records,
+    trial: Some(|estimate| {
+        let seconds = |part: &str| estimate[part].as_f64().unwrap_or_default();
+        Trial {
+            seconds: seconds("plan_seconds") + seconds("fit_seconds") + seconds("train_seconds"),
+            device_bytes: estimate["peak_memory_bytes"].as_u64().unwrap_or_default(),
+            added_bytes: PRIVATE_BYTES,
+        }
+    }),
 };
 
 pub(crate) fn run(args: &EmbedArgs, common: &Common) -> Result<Outcome, EngineError> {

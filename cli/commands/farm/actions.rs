@@ -44,7 +44,7 @@ pub(crate) fn run(
 ) -> Result<Outcome, EngineError> {
     match &args.action {
         Action::Init(args) => init::run(args, common),
-        Action::Plan(args) => plan::run(args, common, command),
+        Action::Plan(args) => plan::run(args, common, command, dispatch),
         Action::Run(args) => run::run(args, common, command, dispatch),
         Action::Status(args) => status::run(args, common),
         Action::Report(args) => report::run(args, common),

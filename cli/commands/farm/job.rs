@@ -103,6 +103,26 @@ impl CommandLine {
         row: &Row,
         attempt: Attempt,
     ) -> Result<(&'static FarmJob, ArgMatches), EngineError> {
+        self.parse_with(manifest, row, attempt, None)
+    }
+
+    /// The arguments that try a row whose command can be tried.
+    pub(super) fn parse_trial(
+        &mut self,
+        manifest: &Path,
+        row: &Row,
+    ) -> Result<(&'static FarmJob, ArgMatches), EngineError> {
+        let attempt = Attempt { number: 1, replaces: true, goes_on: false };
+        self.parse_with(manifest, row, attempt, Some("--dry-run"))
+    }
+
+    fn parse_with(
+        &mut self,
+        manifest: &Path,
+        row: &Row,
+        attempt: Attempt,
+        switch: Option<&str>,
+    ) -> Result<(&'static FarmJob, ArgMatches), EngineError> {
         let bad = |column: &str, got: &str, expected: &str| {
             bad_data(manifest, format!("line {}: {column}", row.line), got, expected)
         };
@@ -128,6 +148,7 @@ impl CommandLine {
                 (Kind::Switch, value) => return Err(bad(column, &format!("`{value}`"), "true or false")),
             }
         }
+        words.extend(switch.map(str::to_owned));
         words.extend((job.arguments)(row, attempt));
         let parsed = self.command.try_get_matches_from_mut(&words);
         parsed.map(|matches| (job, matches)).map_err(|error| {
@@ -135,6 +156,11 @@ impl CommandLine {
             let first = said.lines().next().unwrap_or_default().trim_start_matches("error: ");
             bad("columns", first, &format!("flags of `guard4d {}`", job.command))
         })
+    }
+
+    /// Whether rows of a job can be tried.
+    pub(super) fn can_be_tried(job: &str) -> bool {
+        JOBS.iter().any(|known| known.command == job && known.trial.is_some())
     }
 
     /// Whether a row needs neither a device nor much memory.

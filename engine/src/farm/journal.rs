@@ -5,12 +5,15 @@
 
 use std::collections::HashMap;
 use std::fs::{self, File, OpenOptions};
-use std::io::{ErrorKind, Read as _, Seek as _, SeekFrom, Write as _};
+use std::io::{Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use super::record::{Known, Record};
+use super::ledger::Merged;
+use super::manifest::Row;
+use super::record::{Known, Record, journals};
+use crate::base::digest::Digest;
 use crate::error::EngineError;
 
 /// All records of a manifest, and the file of this worker.
@@ -26,14 +29,15 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Reads what there is in the folder; one that is not there holds nothing.
+    /// Reads what there is in the folder, a ledger first; one that is not there holds nothing.
     ///
     /// # Errors
     /// Those of [`Journal::refresh`].
     pub fn open(folder: &Path, worker: &str) -> Result<Self, EngineError> {
         let own = folder.join(format!("{worker}.jsonl"));
-        let (folder, read, last) = (folder.to_path_buf(), HashMap::new(), HashMap::new());
-        let mut journal = Self { folder, own, file: None, read, last };
+        let Merged { known, read } = Merged::read(folder);
+        let last = known.into_iter().map(|known| (known.id.clone(), known)).collect();
+        let mut journal = Self { folder: folder.to_path_buf(), own, file: None, read, last };
         journal.refresh()?;
         Ok(journal)
     }
@@ -52,10 +56,13 @@ impl Journal {
     /// Reads the whole lines that were added to one file.
     fn read_on(&mut self, path: &Path) -> Result<(), EngineError> {
         let io = |source| EngineError::Io { path: path.to_path_buf(), source };
-        let from = self.read.get(path).copied().unwrap_or(0);
+        let mut from = self.read.get(path).copied().unwrap_or(0);
         let mut file = File::open(path).map_err(io)?;
-        if file.metadata().map_err(io)?.len() == from {
-            return Ok(());
+        match file.metadata().map_err(io)?.len() {
+            len if len == from => return Ok(()),
+            // Another file by now.
+            len if len < from => from = 0,
+            _ => {}
         }
         file.seek(SeekFrom::Start(from)).map_err(io)?;
         let mut bytes = Vec::new();
@@ -101,26 +108,17 @@ impl Journal {
         Ok(())
     }
 
+    /// What holds for each of these rows; nothing where that was at other settings.
+    #[must_use]
+    pub fn of_rows(&self, rows: &[Row]) -> Vec<Option<&Known>> {
+        let settings: Vec<Digest> = rows.par_iter().map(Row::settings_hash).collect();
+        let holds = |(row, settings): (&Row, Digest)| self.last(&row.id).filter(|last| last.settings == settings);
+        rows.iter().zip(settings).map(holds).collect()
+    }
+
     /// What holds for a row.
     #[must_use]
     pub fn last(&self, id: &str) -> Option<&Known> {
         self.last.get(id)
     }
-}
-
-/// The files of all workers in a folder, by name; none where there is no folder.
-pub(super) fn journals(folder: &Path) -> Result<Vec<PathBuf>, EngineError> {
-    let io = |source| EngineError::Io { path: folder.to_path_buf(), source };
-    let entries = match fs::read_dir(folder) {
-        Ok(entries) => entries,
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(source) => return Err(io(source)),
-    };
-    let mut files: Vec<PathBuf> = Vec::new();
-    for entry in entries {
-        files.push(entry.map_err(io)?.path());
-    }
-    files.retain(|path| path.extension().is_some_and(|end| end == "jsonl"));
-    files.sort();
-    Ok(files)
 }

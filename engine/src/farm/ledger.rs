@@ -11,15 +11,15 @@ use std::path::{Path, PathBuf};
 use rusqlite::{Connection, OpenFlags, Transaction, params};
 use serde::Serialize;
 
-use super::journal::journals;
 use super::manifest::Manifest;
-use super::record::{Record, State};
+use super::record::{DEVICE_BYTES, Known, Record, Schema, State, journals};
+use crate::base::digest::Digest;
 use crate::base::files::bad_data;
 use crate::base::output::{AtomicFile, Existing};
 use crate::error::EngineError;
 
 /// Version of the tables, SQLite's `user_version`.
-const VERSION: i64 = 1;
+const VERSION: i64 = 2;
 /// Most attempts that a timeline shows.
 const MAX_SPANS: usize = 2000;
 
@@ -28,7 +28,8 @@ const TABLES: &str = "
 CREATE TABLE attempts (
     id TEXT NOT NULL, attempt INTEGER NOT NULL, job TEXT NOT NULL, state TEXT NOT NULL, settings TEXT NOT NULL,
     input TEXT, outputs TEXT NOT NULL, exit_code INTEGER, error TEXT, seconds REAL NOT NULL, ended_unix_s REAL,
-    worker TEXT NOT NULL, notes TEXT NOT NULL, result TEXT NOT NULL, rank INTEGER NOT NULL,
+    worker TEXT NOT NULL, notes TEXT NOT NULL, result TEXT NOT NULL, rank INTEGER NOT NULL, outputs_hash TEXT NOT NULL,
+    device_bytes INTEGER,
     PRIMARY KEY (id, attempt)
 ) WITHOUT ROWID;
 CREATE TABLE sources (file TEXT PRIMARY KEY, bytes INTEGER NOT NULL) WITHOUT ROWID;
@@ -38,12 +39,13 @@ CREATE VIEW rows AS SELECT * FROM attempts AS one
 
 /// A row's record, whatever there was before of the same attempt: what came later in the attempt holds.
 const PUT: &str = "
-INSERT INTO attempts VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15)
+INSERT INTO attempts VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17)
     ON CONFLICT (id, attempt) DO UPDATE SET
         job = excluded.job, state = excluded.state, settings = excluded.settings, input = excluded.input,
         outputs = excluded.outputs, exit_code = excluded.exit_code, error = excluded.error,
         seconds = excluded.seconds, ended_unix_s = excluded.ended_unix_s, worker = excluded.worker,
-        notes = excluded.notes, result = excluded.result, rank = excluded.rank
+        notes = excluded.notes, result = excluded.result, rank = excluded.rank,
+        outputs_hash = excluded.outputs_hash, device_bytes = excluded.device_bytes
     WHERE excluded.rank >= rank";
 
 /// The database, open to be read.
@@ -102,7 +104,7 @@ impl Ledger {
     /// Where a manifest's ledger is.
     #[must_use]
     pub fn path_of(manifest: &Manifest) -> PathBuf {
-        manifest.state().join("ledger.sqlite")
+        path_in(&manifest.state())
     }
 
     /// Adds what the workers wrote down since the last time, and opens it.
@@ -113,7 +115,7 @@ impl Ledger {
     pub fn merge(manifest: &Manifest) -> Result<Self, EngineError> {
         let path = Self::path_of(manifest);
         let copy = AtomicFile::create(&path, Existing::Replace)?;
-        if path.exists() {
+        if path.exists() && !is_older(&path) {
             fs::copy(&path, copy.path()).map_err(|source| EngineError::Io { path: path.clone(), source })?;
         }
         let is_new = fs::metadata(copy.path()).is_ok_and(|data| data.len() == 0);
@@ -228,6 +230,78 @@ impl Ledger {
     }
 }
 
+/// What a ledger says of each row, and how far it has read each worker's records.
+#[derive(Debug, Default)]
+pub(super) struct Merged {
+    pub(super) known: Vec<Known>,
+    pub(super) read: HashMap<PathBuf, u64>,
+}
+
+impl Merged {
+    /// Reads the ledger in a folder of records. Where there is none, or none that can be read, the records say all.
+    pub(super) fn read(folder: &Path) -> Self {
+        let path = path_in(folder);
+        if !path.is_file() {
+            return Self::default();
+        }
+        Self::of(&path, folder).unwrap_or_else(|cause| {
+            tracing::warn!(error = %cause.told(&path), "the ledger is left aside");
+            Self::default()
+        })
+    }
+
+    fn of(path: &Path, folder: &Path) -> Result<Self, Cause> {
+        let connection = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+        check_version(&connection)?;
+        let mut asked = connection.prepare(
+            "SELECT id, attempt, rank, settings, input, outputs_hash, exit_code, error, seconds, device_bytes
+             FROM attempts ORDER BY id, attempt",
+        )?;
+        let mut known: Vec<Known> = Vec::new();
+        let mut rows = asked.query([])?;
+        while let Some(row) = rows.next()? {
+            let attempt = known_of(row)?;
+            // The latest of a row holds, and comes last.
+            match known.last_mut().filter(|last| last.id == attempt.id) {
+                Some(last) => *last = attempt,
+                None => known.push(attempt),
+            }
+        }
+        let mut asked = connection.prepare("SELECT file, bytes FROM sources")?;
+        let sources = asked.query_map([], |row| Ok((folder.join(row.get::<_, String>(0)?), row.get(1)?)))?;
+        Ok(Self { known, read: sources.collect::<rusqlite::Result<_>>()? })
+    }
+}
+
+fn known_of(row: &rusqlite::Row<'_>) -> rusqlite::Result<Known> {
+    let hash = |text: String| Digest::from_hex(&text).ok_or(rusqlite::Error::InvalidColumnName(text));
+    let rank: usize = row.get(2)?;
+    Ok(Known {
+        schema: Schema,
+        id: row.get(0)?,
+        attempt: row.get(1)?,
+        state: *State::ALL.get(rank).ok_or(rusqlite::Error::IntegralValueOutOfRange(2, rank as i64))?,
+        settings: hash(row.get(3)?)?,
+        input: row.get::<_, Option<String>>(4)?.map(hash).transpose()?,
+        outputs: hash(row.get(5)?)?,
+        exit_code: row.get(6)?,
+        error: row.get(7)?,
+        seconds: row.get(8)?,
+        device_bytes: row.get(9)?,
+    })
+}
+
+fn path_in(folder: &Path) -> PathBuf {
+    folder.join("ledger.sqlite")
+}
+
+/// Whether a ledger is one of an older version, whose records are read again.
+fn is_older(path: &Path) -> bool {
+    let version = |connection: Connection| connection.query_row("PRAGMA user_version", [], |row| row.get::<_, i64>(0));
+    let version = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY).and_then(version);
+    version.is_ok_and(|version| (1..VERSION).contains(&version))
+}
+
 /// Why a ledger cannot be made or read.
 enum Cause {
     Database(rusqlite::Error),
@@ -289,6 +363,10 @@ fn take_journal(transaction: &Transaction<'_>, path: &Path) -> Result<(), Cause>
     let mut asked = transaction.prepare("SELECT bytes FROM sources WHERE file = ?1")?;
     let mut at: u64 = asked.query_map([&name], |row| row.get(0))?.next().transpose()?.unwrap_or(0);
     let mut file = File::open(path).map_err(io)?;
+    if file.metadata().map_err(io)?.len() < at {
+        // Another file by now.
+        at = 0;
+    }
     file.seek(SeekFrom::Start(at)).map_err(io)?;
     let mut put = transaction.prepare(PUT)?;
     let (mut reader, mut line) = (BufReader::new(file), Vec::new());
@@ -312,6 +390,8 @@ fn take_journal(transaction: &Transaction<'_>, path: &Path) -> Result<(), Cause>
             serde_json::to_string(&record.notes).expect("texts are JSON"),
             record.result.to_string(),
             record.state as u8,
+            record.outputs.digest().to_string(),
+            record.result[DEVICE_BYTES].as_u64(),
         ])?;
     }
     transaction.prepare("INSERT OR REPLACE INTO sources VALUES (?1, ?2)")?.execute(params![name, at])?;

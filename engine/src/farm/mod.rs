@@ -2,8 +2,10 @@
 //!
 //! Nothing here knows what a job does: the command line gives a [`runner::Jobs`] that does it.
 
+pub mod ahead;
 pub mod claim;
 pub mod contents;
+pub mod forecast;
 pub mod journal;
 pub mod ledger;
 pub mod manifest;

@@ -1,9 +1,14 @@
 //! What is written down about one attempt at a row, and what of it is kept in mind.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::fmt;
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Deserializer, Serialize, de};
+use serde::de::{self, IgnoredAny, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 
 use super::contents::Contents;
@@ -13,6 +18,8 @@ use crate::error::EngineError;
 
 /// Name and version of what stands in a line.
 const SCHEMA: &str = "guard4d.farm-record/1";
+/// Where the result of a command that needs a device says how much memory it took.
+pub(super) const DEVICE_BYTES: &str = "peak_memory_bytes";
 
 /// What became of one attempt at a row.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -70,7 +77,7 @@ pub enum State {
 /// What is kept in mind of a record: a manifest may have a million rows.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Known {
-    schema: Schema,
+    pub(super) schema: Schema,
     /// The row's.
     pub id: String,
     /// From 1.
@@ -90,6 +97,9 @@ pub struct Known {
     pub error: Option<String>,
     /// How long it took.
     pub seconds: f64,
+    /// The most device memory that was taken from the driver, as far as its result tells.
+    #[serde(rename = "result", deserialize_with = "as_device_bytes")]
+    pub device_bytes: Option<u64>,
 }
 
 fn as_this_schema<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String, D::Error> {
@@ -100,12 +110,43 @@ fn as_this_schema<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String, 
 }
 
 /// That a line is of this schema.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Schema;
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Schema;
 
 impl<'de> Deserialize<'de> for Schema {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         as_this_schema(deserializer).map(|_| Self)
+    }
+}
+
+fn as_device_bytes<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u64>, D::Error> {
+    deserializer.deserialize_option(DeviceBytes)
+}
+
+/// Finds one number in a result, and keeps nothing of the others: results are long, and many.
+struct DeviceBytes;
+
+impl<'de> Visitor<'de> for DeviceBytes {
+    type Value = Option<u64>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("what a command prints, an object, or nothing")
+    }
+
+    fn visit_none<E: de::Error>(self) -> Result<Self::Value, E> {
+        Ok(None)
+    }
+
+    fn visit_some<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+        deserializer.deserialize_map(self)
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
+        let mut bytes = None;
+        while let Some(name) = map.next_key::<Cow<'de, str>>()? {
+            if name == DEVICE_BYTES { bytes = map.next_value()? } else { _ = map.next_value::<IgnoredAny>()? }
+        }
+        Ok(bytes)
     }
 }
 
@@ -158,13 +199,36 @@ impl Record {
             exit_code: self.exit_code,
             error: self.error.clone(),
             seconds: self.seconds,
+            device_bytes: self.result[DEVICE_BYTES].as_u64(),
         }
     }
+}
+
+/// The files of all workers in a folder, by name; none where there is no folder.
+pub(super) fn journals(folder: &Path) -> Result<Vec<PathBuf>, EngineError> {
+    let io = |source| EngineError::Io { path: folder.to_path_buf(), source };
+    let entries = match fs::read_dir(folder) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(source) => return Err(io(source)),
+    };
+    let mut files: Vec<PathBuf> = Vec::new();
+    for entry in entries {
+        files.push(entry.map_err(io)?.path());
+    }
+    files.retain(|path| path.extension().is_some_and(|end| end == "jsonl"));
+    files.sort();
+    Ok(files)
 }
 
 /// A record, or what is kept in mind of it, from a line of the file at `path`.
 fn parse<'a, T: Deserialize<'a>>(path: &Path, line: &'a [u8]) -> Result<T, EngineError> {
     serde_json::from_slice(line).map_err(|error| bad_data(path, "line", error, SCHEMA))
+}
+
+impl State {
+    /// In the order in which they hold.
+    pub(super) const ALL: [Self; 4] = [Self::Running, Self::Interrupted, Self::Failed, Self::Done];
 }
 
 impl Known {

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant, SystemTime};
 use guard4d_kernels::KernelError;
 use serde_json::Value;
 
+use super::ahead::Ahead;
 use super::claim::{BEAT, Claim, Claims, worker_name};
 use super::contents::Contents;
 use super::journal::Journal;
@@ -123,6 +124,7 @@ pub struct Worker<'a> {
     name: String,
     jobs: &'a mut dyn Jobs,
     watch: &'a mut dyn FnMut(Event<'_>),
+    ahead: Ahead,
     /// Rows that are known to be done.
     done: HashSet<usize>,
     /// Rows that failed while this worker was there, and why.
@@ -190,7 +192,8 @@ impl<'a> Worker<'a> {
         let (state, name) = (manifest.state(), worker_name()?);
         let claims = Claims::open(&state.join("claims"), &name, BEAT)?;
         let journal = Journal::open(&state, &name)?;
-        Ok(Self { manifest, policy, journal, claims, name, jobs, watch, done: HashSet::new(), failed: HashMap::new() })
+        let (ahead, done, failed) = (Ahead::default(), HashSet::new(), HashMap::new());
+        Ok(Self { manifest, policy, journal, claims, name, jobs, watch, ahead, done, failed })
     }
 
     /// Does these rows, which stand behind all that they need.
@@ -250,7 +253,9 @@ impl<'a> Worker<'a> {
                 Considered::Refused(looked) => summary.count(&self.manifest.rows()[place], looked),
                 Considered::Ready(row) => begun.push(*row),
             }
-            if begun.len() >= if is_light { AT_ONCE } else { self.policy.at_once.max(1) } {
+            let most = if is_light { AT_ONCE } else { self.policy.at_once.max(1) };
+            if begun.len() >= most {
+                self.look_ahead(left[nth + 1..].iter().take(most));
                 self.attempt(std::mem::take(&mut begun), summary)?;
             }
         }
@@ -259,6 +264,14 @@ impl<'a> Worker<'a> {
             summary.left += rest + again.len();
         }
         Ok(again)
+    }
+
+    /// Has the inputs of rows read whose turn comes next.
+    fn look_ahead<'p>(&self, next: impl Iterator<Item = &'p usize>) {
+        let rows = next.map(|place| &self.manifest.rows()[*place]);
+        let is_done = |row: &&Row| self.journal.last(&row.id).is_some_and(|last| last.state == State::Done);
+        let wanted = rows.filter(|row| !row.input.is_empty() && !is_done(row));
+        wanted.for_each(|row| self.ahead.ask(&self.at(&row.input)));
     }
 
     /// Takes a row, unless it is done, waits, or is another's.
