@@ -37,7 +37,7 @@ pub(crate) struct DiscloseArgs {
 pub(crate) fn run(args: &DiscloseArgs, common: &Common) -> Result<Outcome, EngineError> {
     let device = device::open(common)?;
     let clip = device::load_clip(&device, &args.clip, common)?;
-    let owner = args.passphrase.key(&args.key, &clip)?;
+    let owner = args.passphrase.key(&args.key, &clip, common)?;
     disclosure::write(&owner, &args.receipt, &args.out, args.overwrite.existing())?;
     let told = "whoever has it can read and remove the mark of this asset, and of no other";
     note(common, &format!("wrote {}; {told}", args.out.display()));

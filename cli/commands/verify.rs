@@ -144,10 +144,11 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
     let device = device::open(common)?;
     let clip = device::load_clip(&device, &args.clip, common)?;
     let receipt = Receipt::read(&args.receipt)?;
-    let key = receipt.body.promise.key_for(&args.passphrase.key(&args.key, &clip)?)?;
+    let key = receipt.body.promise.key_for(&args.passphrase.key(&args.key, &clip, common)?)?;
     let sought = args.message.as_ref().map(|text| Sought::parse(text, &key)).transpose()?;
-    let other_key =
-        |path: &PathBuf| Ok(OtherKey { name: path.display().to_string(), key: args.passphrase.key(path, &clip)? });
+    let other_key = |path: &PathBuf| {
+        Ok(OtherKey { name: path.display().to_string(), key: args.passphrase.key(path, &clip, common)? })
+    };
     let other_keys = args.other_key.iter().map(other_key).collect::<Result<_, EngineError>>()?;
     let pretrained = args.pretrained.as_deref().map(PretrainedExtractor::read).transpose()?;
     let original = args.original.as_deref().map(Model::open).transpose()?;

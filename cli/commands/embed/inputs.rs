@@ -47,7 +47,7 @@ impl Inputs {
     ) -> Result<Self, EngineError> {
         let device = device::open(common)?;
         let clip = device::load_clip(&device, &what.clip, common)?;
-        let owner = passphrase::key(what.passphrase_file.as_deref(), key, &clip)?;
+        let owner = passphrase::key(what.passphrase_file.as_deref(), key, &clip, common)?;
         let bits = u32::try_from(owner.bits()).unwrap_or(u32::MAX);
         let payload = Payload::parse(&what.message, bits)?;
         let Settings { mut config, job } = settings;

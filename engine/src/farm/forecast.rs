@@ -94,6 +94,7 @@ impl Forecast {
     /// By job, from the last records of rows in the order of the manifest: those that hold for present settings.
     /// Outputs of some done rows are measured on the disk.
     #[must_use]
+    #[allow(clippy::cast_possible_truncation, reason = "an estimate in whole bytes")]
     pub fn of(manifest: &Manifest, records: &[Option<&Known>]) -> BTreeMap<String, Self> {
         let mut paces: BTreeMap<&str, (Pace, Vec<&Row>)> = BTreeMap::new();
         for (row, record) in manifest.rows().iter().zip(records) {

@@ -33,12 +33,21 @@ struct Memory {
 pub(super) fn run(ground: &Ground, rows: usize, figures: &mut Figures) -> Result<()> {
     let site = ground.site(&manifest(rows))?;
     work(ground, &site, rows, figures)?;
+    status(&site, rows, "farm status", figures)?;
     let begun = Instant::now();
-    let status = site.status()?;
-    figures.add_fine("farm status", begun.elapsed().as_secs_f64(), "s");
-    check(status["done"] == rows, || format!("not all of {rows} rows are done: {status}"))?;
+    site.act("report", &["--out", &site.path("report.html").display().to_string()])?.must_be(0, "the report")?;
+    figures.add_fine("farm report", begun.elapsed().as_secs_f64(), "s");
+    status(&site, rows, "farm status behind it", figures)?;
     drop(site);
     plan(ground, rows * PLANNED, figures)
+}
+
+/// Asks how far the rows are, which are all done.
+fn status(site: &Site<'_>, rows: usize, name: &str, figures: &mut Figures) -> Result<()> {
+    let begun = Instant::now();
+    let status = site.status()?;
+    figures.add_fine(name, begun.elapsed().as_secs_f64(), "s");
+    check(status["done"] == rows, || format!("not all of {rows} rows are done: {status}"))
 }
 
 fn manifest(rows: usize) -> String {
