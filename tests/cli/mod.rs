@@ -17,6 +17,7 @@ mod forgery;
 mod ids;
 mod inputs;
 mod interop;
+mod isa;
 mod keygen;
 mod liar;
 mod man;

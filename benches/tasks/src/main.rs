@@ -13,6 +13,7 @@ mod farm;
 mod fuzz;
 mod gpu;
 mod interop;
+mod isa;
 mod licences;
 mod needed;
 mod package;
@@ -49,6 +50,7 @@ enum Task {
     Fuzz(fuzz::FuzzArgs),
     Gpu(gpu::GpuArgs),
     Interop(interop::InteropArgs),
+    Isa(isa::IsaArgs),
     Package(package::PackageArgs),
     Peers(peers::PeersArgs),
     Shaderc(shaderc::ShadercArgs),
@@ -63,6 +65,7 @@ fn run(arguments: &Arguments) -> Result<()> {
         Task::Fuzz(args) => fuzz::run(&workspace, args),
         Task::Gpu(args) => gpu::run(&workspace, args),
         Task::Interop(args) => interop::run(&workspace, args),
+        Task::Isa(args) => isa::run(&workspace, args),
         Task::Package(args) => package::run(&workspace, args),
         Task::Peers(args) => peers::run(&workspace, args),
         Task::Shaderc(args) => shaderc::run(&workspace, args),

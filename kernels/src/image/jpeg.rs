@@ -3,9 +3,9 @@
 use super::chroma420::{self, JFIF, inverse};
 use super::frames::{expect_frames, frames_grid, two_maps};
 use crate::error::KernelError;
-use crate::registry::image::jpeg_fwd;
+use crate::registry::image::{jpeg_fwd, jpeg_fwd_tile};
 use crate::shape::ClipShape;
-use crate::vk::{Buffer, Device, Recorder};
+use crate::vk::{Buffer, Device, KernelFamily, Recorder};
 
 const KERNEL: &str = "image/jpeg";
 /// Pixels along a side of what is coded together: two blocks of luma, one of chroma.
@@ -68,10 +68,19 @@ pub fn forward(
     y: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
     expect_frames(KERNEL, clip, [("x", x), ("y", y)])?;
-    let params = two_maps!(jpeg_fwd, clip, JFIF, inverse(&JFIF));
     let units = clip.height.div_ceil(UNIT_PX) * clip.width.div_ceil(UNIT_PX);
-    let grid = frames_grid(units, clip.frames, jpeg_fwd::KERNEL.local_size[0]);
-    rec.dispatch(jpeg_fwd::Bind { x, quant: &quality.steps, y }, params, grid)
+    match rec.family() {
+        KernelFamily::Lanes => {
+            let params = two_maps!(jpeg_fwd, clip, JFIF, inverse(&JFIF));
+            let grid = frames_grid(units, clip.frames, jpeg_fwd::KERNEL.local_size[0]);
+            rec.dispatch(jpeg_fwd::Bind { x, quant: &quality.steps, y }, params, grid)
+        }
+        KernelFamily::Tiles => {
+            let params = two_maps!(jpeg_fwd_tile, clip, JFIF, inverse(&JFIF));
+            let grid = frames_grid(units, clip.frames, 1);
+            rec.dispatch(jpeg_fwd_tile::Bind { x, quant: &quality.steps, y }, params, grid)
+        }
+    }
 }
 
 /// Gradient to the input with the rounding taken for the identity (a straight-through estimate): what is left of the

@@ -10,7 +10,7 @@ use ash::vk::Handle;
 use super::cooperation::Cooperation;
 use super::family::{FamilySelect, KernelFamily};
 use super::info::{DeviceInfo, HostAccess, MemoryUse};
-use super::instance::Instance;
+use super::instance::{Instance, Uses};
 use super::memory::Memory;
 use super::pipeline::PipelineCache;
 use super::result::check;
@@ -91,7 +91,7 @@ impl Device {
         }
         let family = options.kernels.choose(&info)?;
         let queue_family = instance.compute_family(physical, &info)?;
-        let raw = instance.create_device(physical, &info, queue_family)?;
+        let raw = instance.create_device(physical, &info, queue_family, Uses::Work)?;
         // SAFETY: the family was requested with one queue.
         let queue = unsafe { raw.get_device_queue(queue_family, 0) };
         let memory = Memory::new(&instance.raw, &raw, physical, info.kind)?;

@@ -12,6 +12,15 @@ use crate::error::KernelError;
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
+/// What a device is made for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Uses {
+    /// To run kernels.
+    Work,
+    /// To be asked what became of kernels.
+    Statistics,
+}
+
 /// The Vulkan instance and its messenger.
 pub(super) struct Instance {
     pub(super) raw: ash::Instance,
@@ -127,16 +136,28 @@ impl Instance {
         physical: vk::PhysicalDevice,
         device: &DeviceInfo,
         family: u32,
+        uses: Uses,
     ) -> Result<ash::Device, KernelError> {
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
         // Texel loads out of range must give zeros: the lane kernels pad with them. The tile kernels look at the range.
         let robust = device.has_robust_loads;
         let matrices = device.cooperation.is_some();
-        let wanted = [(robust, ash::ext::robustness2::NAME), (matrices, ash::khr::cooperative_matrix::NAME)];
+        let asks = uses == Uses::Statistics;
+        if asks && !self.has_extension(physical, ash::khr::pipeline_executable_properties::NAME) {
+            let what = "a driver that tells what it compiled (VK_KHR_pipeline_executable_properties)".to_owned();
+            return Err(KernelError::Unsuitable { device: device.name.clone(), what });
+        }
+        let wanted = [
+            (robust, ash::ext::robustness2::NAME),
+            (matrices, ash::khr::cooperative_matrix::NAME),
+            (asks, ash::khr::pipeline_executable_properties::NAME),
+        ];
         let extensions: Vec<*const c_char> =
             wanted.iter().filter_map(|(want, name)| want.then_some(name.as_ptr())).collect();
         let mut robustness = vk::PhysicalDeviceRobustness2FeaturesEXT::default().robust_buffer_access2(true);
         let mut cooperation = vk::PhysicalDeviceCooperativeMatrixFeaturesKHR::default().cooperative_matrix(true);
+        let mut executables =
+            vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);
         let mut core = vk::PhysicalDeviceVulkan12Features::default()
             .shader_float16(true)
             .vulkan_memory_model(true)
@@ -151,6 +172,9 @@ impl Instance {
         }
         if matrices {
             info = info.push_next(&mut cooperation).push_next(&mut core);
+        }
+        if asks {
+            info = info.push_next(&mut executables);
         }
         // SAFETY: every pointer in `info` outlives the call; the features were offered.
         check("vkCreateDevice", unsafe { self.raw.create_device(physical, &info, None) })

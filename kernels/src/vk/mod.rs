@@ -14,6 +14,7 @@ mod recorder;
 mod result;
 mod select;
 mod slot;
+mod statistics;
 mod transfer;
 
 pub use ash::vk::{MemoryPropertyFlags, MemoryType};
@@ -29,3 +30,4 @@ pub use memory::work_memory;
 pub use pipeline::{BindingDef, BindingKind, KernelDef};
 pub use recorder::{Bindings, Bound, Grid, PassTime, Recorder, Section, Timings, last_finished};
 pub use select::DeviceSelect;
+pub use statistics::{DriverStatistics, ProgramStatistics, statistics};

@@ -111,7 +111,7 @@ impl PipelineCache {
         if let Some(pipeline) = made.get(&(kernel.name, spec.to_vec())) {
             return Ok(Arc::clone(pipeline));
         }
-        let pipeline = Arc::new(create(device, self.family, kernel, spec)?);
+        let pipeline = Arc::new(create(device, self.family, kernel, spec, vk::PipelineCreateFlags::empty())?);
         made.insert((kernel.name, spec.to_vec()), Arc::clone(&pipeline));
         Ok(pipeline)
     }
@@ -122,20 +122,33 @@ impl PipelineCache {
         for (_, pipeline) in made.drain() {
             // SAFETY: the device is going down, so no recorder (each holds the device alive) can
             // still use these handles.
-            unsafe {
-                device.destroy_pipeline(pipeline.handle, None);
-                device.destroy_pipeline_layout(pipeline.layout, None);
-                device.destroy_descriptor_set_layout(pipeline.set_layout, None);
-            }
+            unsafe { pipeline.destroy(device) };
         }
     }
 }
 
-fn create(
+impl Pipeline {
+    /// Gives back what was made.
+    ///
+    /// # Safety
+    /// It is of this device, nothing that uses it runs, and nobody uses it afterwards.
+    pub(super) unsafe fn destroy(&self, device: &ash::Device) {
+        // SAFETY: as the caller says.
+        unsafe {
+            device.destroy_pipeline(self.handle, None);
+            device.destroy_pipeline_layout(self.layout, None);
+            device.destroy_descriptor_set_layout(self.set_layout, None);
+        }
+    }
+}
+
+/// Compiles a kernel. Without bytes for them its specialisation constants are what the shader says.
+pub(super) fn create(
     device: &ash::Device,
     family: KernelFamily,
     kernel: &'static KernelDef,
     spec: &[u8],
+    flags: vk::PipelineCreateFlags,
 ) -> Result<Pipeline, KernelError> {
     let bindings: Vec<_> = kernel
         .bindings
@@ -152,6 +165,7 @@ fn create(
         .spec_ids
         .iter()
         .zip(0u32..)
+        .filter(|_| !spec.is_empty())
         .map(|(&id, i)| vk::SpecializationMapEntry { constant_id: id, offset: i * 4, size: 4 })
         .collect();
     let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(spec);
@@ -176,7 +190,7 @@ fn create(
             .module(module)
             .name(c"main")
             .specialization_info(&specialization);
-        let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout)];
+        let info = [vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(layout)];
         let made = device.create_compute_pipelines(vk::PipelineCache::null(), &info, None);
         device.destroy_shader_module(module, None);
         let handle = check("vkCreateComputePipelines", made.map_err(|(_, code)| code))?[0];

@@ -2,6 +2,7 @@
 
 mod dump;
 mod host;
+mod isa;
 mod pretrain;
 mod root;
 mod study;

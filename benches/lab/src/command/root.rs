@@ -5,6 +5,7 @@ use guard4d_engine::error::EngineError;
 
 use super::dump::{self, DumpArgs};
 use super::host::Host;
+use super::isa::{self, IsaArgs};
 use super::pretrain::{self, PretrainArgs};
 use super::study::{self, StudyArgs};
 
@@ -29,6 +30,11 @@ enum LabCommand {
     Pretrain(PretrainArgs),
     /// Runs one operation from a file to a file, for comparison with other implementations
     Dump(DumpArgs),
+    /// Asks a driver what its compiler makes of every kernel: registers, spills, instructions; runs nothing
+    ///
+    /// A driver need not have its hardware: Mesa's RADV compiles for the family in RADV_FORCE_FAMILY. `./x isa` does
+    /// this for several.
+    Isa(IsaArgs),
 }
 
 /// Runs a command.
@@ -40,5 +46,6 @@ pub fn run(args: &LabArgs, host: &dyn Host) -> Result<(), EngineError> {
         LabCommand::Study(args) => study::run(args, host),
         LabCommand::Pretrain(args) => pretrain::run(args, host),
         LabCommand::Dump(args) => dump::run(args, host),
+        LabCommand::Isa(args) => isa::run(args, host),
     }
 }
