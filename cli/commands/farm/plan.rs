@@ -7,10 +7,9 @@ use std::sync::Arc;
 use bytesize::ByteSize;
 use clap::{Args, Command};
 use guard4d_engine::error::EngineError;
-use guard4d_engine::farm::forecast::{Forecast, bytes_of};
+use guard4d_engine::farm::forecast::{Forecast, bytes_of, left_of};
 use guard4d_engine::farm::journal::Journal;
 use guard4d_engine::farm::manifest::{Manifest, Row};
-use guard4d_engine::farm::record::{Known, State};
 use guard4d_engine::farm::selection::{Selection, Share};
 use serde::Serialize;
 
@@ -78,15 +77,6 @@ pub(super) fn run(
     let plan = Plan { rows: manifest.rows().len(), jobs, notes, done, shards };
     print(common, &plan, human)?;
     Ok(Outcome::Done)
-}
-
-/// Rows of a job that are still to be done.
-fn left_of<'m>(job: &str, manifest: &'m Manifest, records: &[Option<&Known>]) -> Vec<&'m Row> {
-    let is_left = |record: &Option<&Known>| {
-        record.is_none_or(|record| matches!(record.state, State::Running | State::Interrupted))
-    };
-    let rows = manifest.rows().iter().zip(records);
-    rows.filter(|(row, record)| row.job == job && is_left(record)).map(|(row, _)| row).collect()
 }
 
 /// Tries the row with the largest input of those whose files are all there.

@@ -54,18 +54,17 @@ impl Pace {
     /// Counts a row and its record, if that holds for the row's present settings.
     pub(super) fn count(&mut self, row: &Row, record: Option<&Known>) {
         match record {
+            record if is_left(record) => {
+                self.left += 1;
+                self.left_cost += row.cost;
+            }
             Some(Known { state: State::Done, seconds, device_bytes, .. }) => {
                 self.done += 1;
                 self.done_cost += row.cost;
                 self.seconds += seconds;
                 self.device_bytes = self.device_bytes.max(*device_bytes);
             }
-            // A row that failed is not tried again by itself.
-            Some(Known { state: State::Failed, .. }) => {}
-            _ => {
-                self.left += 1;
-                self.left_cost += row.cost;
-            }
+            _ => {}
         }
     }
 
@@ -123,14 +122,31 @@ impl Forecast {
 
     /// Takes what a row took that was tried for all that are left, each by its cost.
     pub fn take(&mut self, manifest: &Manifest, row: &Row, trial: Trial, left: &[&Row]) {
-        let cost: f64 = left.iter().map(|row| row.cost).sum();
-        let worth = if row.cost > 0.0 { cost / row.cost } else { left.len() as f64 };
+        let pace = Pace {
+            seconds: trial.seconds,
+            done: 1,
+            done_cost: row.cost,
+            left: left.len(),
+            left_cost: left.iter().map(|row| row.cost).sum(),
+            device_bytes: Some(trial.device_bytes),
+        };
         let copies: u64 = left.iter().map(|row| bytes_of(manifest, &row.input)).sum();
-        self.seconds = Some(trial.seconds * worth);
-        self.device_bytes = Some(trial.device_bytes);
+        self.seconds = pace.seconds_left();
+        self.device_bytes = pace.device_bytes;
         self.disk_bytes = Some(copies + trial.added_bytes * left.len() as u64);
         self.tried = Some(row.id.clone());
     }
+}
+
+/// Rows of a job that are still to be done, of those of [`Forecast::of`].
+#[must_use]
+pub fn left_of<'m>(job: &str, manifest: &'m Manifest, records: &[Option<&Known>]) -> Vec<&'m Row> {
+    let rows = manifest.rows().iter().zip(records);
+    rows.filter(|(row, record)| row.job == job && is_left(**record)).map(|(row, _)| row).collect()
+}
+
+fn is_left(record: Option<&Known>) -> bool {
+    record.is_none_or(|record| !record.state.is_over())
 }
 
 /// What a path of the manifest holds on the disk; nothing where it is not there.

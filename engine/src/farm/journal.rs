@@ -5,14 +5,14 @@
 
 use std::collections::HashMap;
 use std::fs::{self, File, OpenOptions};
-use std::io::{Read as _, Seek as _, SeekFrom, Write as _};
+use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
 use super::ledger::Merged;
 use super::manifest::Row;
-use super::record::{Known, Record, journals};
+use super::record::{Known, Record, journals, open_behind};
 use crate::base::digest::Digest;
 use crate::error::EngineError;
 
@@ -56,15 +56,8 @@ impl Journal {
     /// Reads the whole lines that were added to one file.
     fn read_on(&mut self, path: &Path) -> Result<(), EngineError> {
         let io = |source| EngineError::Io { path: path.to_path_buf(), source };
-        let mut from = self.read.get(path).copied().unwrap_or(0);
-        let mut file = File::open(path).map_err(io)?;
-        match file.metadata().map_err(io)?.len() {
-            len if len == from => return Ok(()),
-            // Another file by now.
-            len if len < from => from = 0,
-            _ => {}
-        }
-        file.seek(SeekFrom::Start(from)).map_err(io)?;
+        let read = self.read.get(path).copied().unwrap_or(0);
+        let Some((mut file, from)) = open_behind(path, read)? else { return Ok(()) };
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).map_err(io)?;
         let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);

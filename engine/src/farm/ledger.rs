@@ -4,15 +4,15 @@
 //! place: so it is never written by two, on whatever file system.
 
 use std::collections::{BTreeMap, HashMap};
-use std::fs::{self, File};
-use std::io::{BufRead as _, BufReader, Seek as _, SeekFrom};
+use std::fs;
+use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, OpenFlags, Transaction, params};
 use serde::Serialize;
 
 use super::manifest::Manifest;
-use super::record::{DEVICE_BYTES, Known, Record, Schema, State, journals};
+use super::record::{DEVICE_BYTES, Known, Record, Schema, State, journals, open_behind};
 use crate::base::digest::Digest;
 use crate::base::files::bad_data;
 use crate::base::output::{AtomicFile, Existing};
@@ -361,13 +361,8 @@ fn take_journal(transaction: &Transaction<'_>, path: &Path) -> Result<(), Cause>
     let io = |source| EngineError::Io { path: path.to_path_buf(), source };
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let mut asked = transaction.prepare("SELECT bytes FROM sources WHERE file = ?1")?;
-    let mut at: u64 = asked.query_map([&name], |row| row.get(0))?.next().transpose()?.unwrap_or(0);
-    let mut file = File::open(path).map_err(io)?;
-    if file.metadata().map_err(io)?.len() < at {
-        // Another file by now.
-        at = 0;
-    }
-    file.seek(SeekFrom::Start(at)).map_err(io)?;
+    let read: u64 = asked.query_map([&name], |row| row.get(0))?.next().transpose()?.unwrap_or(0);
+    let Some((file, mut at)) = open_behind(path, read)? else { return Ok(()) };
     let mut put = transaction.prepare(PUT)?;
     let (mut reader, mut line) = (BufReader::new(file), Vec::new());
     while reader.read_until(b'\n', &mut line).map_err(io)? > 0 && line.ends_with(b"\n") {

@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt;
-use std::fs;
-use std::io::ErrorKind;
+use std::fs::{self, File};
+use std::io::{ErrorKind, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use serde::de::{self, IgnoredAny, MapAccess, Visitor};
@@ -72,6 +72,14 @@ pub enum State {
     Failed,
     /// It is done.
     Done,
+}
+
+impl State {
+    /// A row that failed is not tried again by itself.
+    #[must_use]
+    pub const fn is_over(self) -> bool {
+        matches!(self, Self::Failed | Self::Done)
+    }
 }
 
 /// What is kept in mind of a record: a manifest may have a million rows.
@@ -219,6 +227,20 @@ pub(super) fn journals(folder: &Path) -> Result<Vec<PathBuf>, EngineError> {
     files.retain(|path| path.extension().is_some_and(|end| end == "jsonl"));
     files.sort();
     Ok(files)
+}
+
+/// One of these files behind its first `read` bytes, and where that is; `None` if nothing was added.
+pub(super) fn open_behind(path: &Path, read: u64) -> Result<Option<(File, u64)>, EngineError> {
+    let io = |source| EngineError::Io { path: path.to_path_buf(), source };
+    let mut file = File::open(path).map_err(io)?;
+    let from = match file.metadata().map_err(io)?.len() {
+        len if len == read => return Ok(None),
+        // Another file by now.
+        len if len < read => 0,
+        _ => read,
+    };
+    file.seek(SeekFrom::Start(from)).map_err(io)?;
+    Ok(Some((file, from)))
 }
 
 /// A record, or what is kept in mind of it, from a line of the file at `path`.

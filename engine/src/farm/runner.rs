@@ -335,8 +335,7 @@ impl<'a> Worker<'a> {
         let number = known.map_or(0, |last| last.attempt) + 1;
         // What an attempt at other settings made was made by this row all the same.
         let is_ours = known.is_some();
-        let goes_on = known
-            .is_some_and(|last| last.settings == settings && matches!(last.state, State::Running | State::Interrupted));
+        let goes_on = known.is_some_and(|last| last.settings == settings && !last.state.is_over());
         let mut record = Record::begun(&row.id, &row.job, number, settings, &self.name);
         record.notes = self.jobs.notes(row);
         let output = self.at(&row.output);

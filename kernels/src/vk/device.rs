@@ -80,12 +80,7 @@ impl Device {
     /// As [`Device::open`], and [`KernelError::Unsuitable`] when it cannot run the kernels that are asked for.
     pub fn open_with(select: &DeviceSelect, options: DeviceOptions) -> Result<Self, KernelError> {
         let instance = Instance::new()?;
-        let (handles, infos): (Vec<_>, Vec<_>) = instance.devices()?.into_iter().unzip();
-        if infos.is_empty() {
-            return Err(KernelError::NoDriver { reason: "the loader finds no device".to_owned() });
-        }
-        let chosen = select.choose(&infos)?;
-        let (physical, mut info) = (handles[chosen], infos[chosen].clone());
+        let (physical, mut info) = instance.choose(select)?;
         if let Some(most) = options.max_storage_bytes {
             info.max_storage_bytes = info.max_storage_bytes.min(most);
         }

@@ -8,6 +8,7 @@ use super::cooperation::{self, Cooperation};
 use super::debug;
 use super::info::DeviceInfo;
 use super::result::check;
+use super::select::DeviceSelect;
 use crate::error::KernelError;
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
@@ -59,6 +60,16 @@ impl Instance {
         // SAFETY: the instance is alive.
         let all = check("vkEnumeratePhysicalDevices", unsafe { self.raw.enumerate_physical_devices() })?;
         Ok(all.into_iter().map(|d| (d, self.describe(d))).collect())
+    }
+
+    /// The device that is meant.
+    pub(super) fn choose(&self, select: &DeviceSelect) -> Result<(vk::PhysicalDevice, DeviceInfo), KernelError> {
+        let (handles, mut infos): (Vec<_>, Vec<_>) = self.devices()?.into_iter().unzip();
+        if infos.is_empty() {
+            return Err(KernelError::NoDriver { reason: "the loader finds no device".to_owned() });
+        }
+        let chosen = select.choose(&infos)?;
+        Ok((handles[chosen], infos.swap_remove(chosen)))
     }
 
     fn describe(&self, device: vk::PhysicalDevice) -> DeviceInfo {

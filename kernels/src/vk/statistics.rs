@@ -41,9 +41,7 @@ pub struct DriverStatistics {
 /// when a kernel does not compile.
 pub fn statistics(select: &DeviceSelect, kernels: FamilySelect) -> Result<DriverStatistics, KernelError> {
     let instance = Instance::new()?;
-    let (handles, infos): (Vec<_>, Vec<_>) = instance.devices()?.into_iter().unzip();
-    let chosen = select.choose(&infos)?;
-    let (physical, info) = (handles[chosen], infos[chosen].clone());
+    let (physical, info) = instance.choose(select)?;
     let family = kernels.choose(&info)?;
     let raw = instance.create_device(physical, &info, instance.compute_family(physical, &info)?, Uses::Statistics)?;
     let loader = khr::pipeline_executable_properties::Device::new(&instance.raw, &raw);
