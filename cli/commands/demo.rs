@@ -12,6 +12,7 @@ use guard4d_engine::detect::report::VerifyReport;
 use guard4d_engine::detect::request::{VerifyInputs, VerifyRequest};
 use guard4d_engine::detect::sought::Sought;
 use guard4d_engine::detect::suspect::Suspect;
+use guard4d_engine::detect::verify_cache::VerifyCache;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::evidence::extractor_mode::ExtractorMode;
 use guard4d_engine::media::Frame;
@@ -254,6 +255,7 @@ fn verify(
         original: Some(model),
         trusted_clip: None,
         claims: NonZeroU32::MIN,
+        cache: &VerifyCache::default(),
     };
     request.verify_observed(inputs, &read_options(), &mut ObserverBar::new(common))
 }

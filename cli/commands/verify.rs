@@ -169,6 +169,7 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
             authorities: args.trust.ca.clone(),
         },
     };
+    let cache = common.session.as_ref().map(|session| session.verify_cache()).unwrap_or_default();
     let request = VerifyRequest {
         device: &device,
         clip: &clip,
@@ -179,6 +180,7 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
         original: original.as_ref(),
         trusted_clip: args.trust_clip,
         claims: args.claims,
+        cache: &cache,
     };
     let options = ReadOptions { framing: args.framing.framing(), ..read_some(&args.frames) };
     let report = request.verify_observed(&inputs, &options, &mut ObserverBar::new(common))?;

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use etcetera::{BaseStrategy as _, choose_base_strategy};
+use guard4d_engine::base::pipelines;
 use guard4d_engine::device::{Device, DeviceOptions, DeviceSelect};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::networks::clip::{ClipModel, ClipSource};
@@ -21,6 +23,10 @@ fn open_anew(common: &Common) -> Result<Device, EngineError> {
     let flags = &common.device;
     let options = DeviceOptions { kernels: flags.kernels, ..DeviceOptions::default() };
     let device = Device::open_with(&select(flags), options)?;
+    // Without a home there is nowhere to keep them.
+    if let Ok(folders) = choose_base_strategy() {
+        pipelines::remember(&device, &folders.cache_dir().join("guard4d"));
+    }
     if let Some(budget) = flags.vram_budget {
         device.limit_memory(budget.as_u64());
     }

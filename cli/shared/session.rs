@@ -1,10 +1,13 @@
-//! What several commands in one process have in common: the device, CLIP, the key, and where results go.
+//! What several commands in one process have in common: the device, CLIP, the key, what films are compared
+//! with, and where results go.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use guard4d_engine::base::digest::Digest;
+use guard4d_engine::base::held::Held;
+use guard4d_engine::detect::verify_cache::VerifyCache;
 use guard4d_engine::device::Device;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::networks::clip::ClipModel;
@@ -19,9 +22,10 @@ type Opened = (PathBuf, Vec<Digest>);
 pub(crate) struct Session {
     device: Mutex<Option<Device>>,
     /// By what the command line said.
-    clip: Mutex<Option<(String, Arc<ClipModel>)>>,
+    clip: Held<String, Arc<ClipModel>>,
     /// By its file, and hashes of what it came of. Rows of one key stand beside each other.
-    key: Mutex<Option<(Opened, Key)>>,
+    key: Held<Opened, Key>,
+    verify_cache: Arc<VerifyCache>,
     printed: Mutex<Option<Value>>,
 }
 
@@ -37,13 +41,18 @@ impl Session {
         Ok(device)
     }
 
+    /// The device, if it is open.
+    pub(crate) fn open_device(&self) -> Option<Device> {
+        self.device.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
     /// The checkpoint of that name, loaded when it is first asked for; the one before is forgotten.
     pub(crate) fn clip(
         &self,
         name: &str,
         load: impl FnOnce() -> Result<ClipModel, EngineError>,
     ) -> Result<Arc<ClipModel>, EngineError> {
-        once(&self.clip, name.to_owned(), || load().map(Arc::new))
+        self.clip.get(name.to_owned(), || load().map(Arc::new))
     }
 
     /// The key in that file, read when it is first asked for; the one before is forgotten.
@@ -53,12 +62,18 @@ impl Session {
         came_of: &[Digest],
         read: impl FnOnce() -> Result<Key, EngineError>,
     ) -> Result<Key, EngineError> {
-        once(&self.key, (path.to_path_buf(), came_of.to_vec()), read)
+        self.key.get((path.to_path_buf(), came_of.to_vec()), read)
     }
 
-    /// Forgets the device, and what is on it.
+    /// What the verifications of this session have in common.
+    pub(crate) fn verify_cache(&self) -> Arc<VerifyCache> {
+        Arc::clone(&self.verify_cache)
+    }
+
+    /// Forgets the device, and what is on it or came of it.
     pub(crate) fn forget_device(&self) {
-        *self.clip.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        self.clip.forget();
+        self.verify_cache.forget();
         *self.device.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 
@@ -76,38 +91,5 @@ impl Session {
 impl fmt::Debug for Session {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Session").finish_non_exhaustive()
-    }
-}
-
-/// What is held by that name, or is loaded now; what was held before is forgotten first.
-fn once<N: PartialEq, T: Clone>(
-    held: &Mutex<Option<(N, T)>>,
-    name: N,
-    load: impl FnOnce() -> Result<T, EngineError>,
-) -> Result<T, EngineError> {
-    let mut held = held.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some((_, known)) = held.as_ref().filter(|(known, _)| *known == name) {
-        return Ok(known.clone());
-    }
-    *held = None;
-    let loaded = load()?;
-    *held = Some((name, loaded.clone()));
-    Ok(loaded)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_held_is_loaded_once_and_what_failed_is_not_held() {
-        let held = Mutex::new(None);
-        let unwanted = || -> Result<u32, EngineError> { panic!("it is held") };
-        assert_eq!(once(&held, "a", || Ok(1)).ok(), Some(1));
-        assert_eq!(once(&held, "a", unwanted).ok(), Some(1));
-        assert_eq!(once(&held, "b", || Ok(2)).ok(), Some(2), "another name");
-        assert!(once(&held, "a", || Err(EngineError::Stopped)).is_err(), "the one before was forgotten");
-        assert_eq!(once(&held, "a", || Ok(3)).ok(), Some(3), "a failure is tried again");
-        assert_eq!(once(&held, "a", unwanted).ok(), Some(3));
     }
 }

@@ -1,7 +1,7 @@
 #version 460
 // splat/rasterize_bwd: dL/d(colour) of each (tile, splat) pair, the front-to-back traversal of rasterize_fwd.
 //   in   geom [V,8]   tile_offsets [tiles+1]   tile_order [tiles] active ones first   splat_from_isect, slot_from_isect
-//     [I, padded by 8]
+//     [I, padded by 8], as in lib/isect.glsl   slot_ranges [V,2] first, end
 //        v_image [..,H,W,4] = dL/d(image), 4th channel unread, from pixel `in_offset` on
 //   out  v_slots [I,4] = sum over the tile's pixels of weight * v_image (=), at the pair's slot
 //   eq   v_colour = sum_p alpha_p T_p v_image_p; geometry and opacity are constants
@@ -14,6 +14,8 @@ layout(local_size_x = 8) in;
 #include "lib/shuffle.glsl"
 #include "lib/lanes.glsl"
 #include "lib/raster.glsl"
+layout(constant_id = 0) const uint PACKED = 1;
+#include "lib/isect.glsl"
 layout(push_constant) uniform Params { uint width, height, tiles_x, num_active, tile_stride, in_offset; } p;
 TEXELS_F32(0, geom);
 TEXELS_F32(1, v_image);
@@ -21,6 +23,7 @@ TEXELS_U32(2, splat_from_isect);
 TEXELS_U32(3, slot_from_isect);
 TEXELS_U32(4, tile_offsets);
 TEXELS_U32(6, tile_order);
+TEXELS_U32(7, slot_ranges);
 layout(set = 0, binding = 5) buffer VSlots { vec4 v_slots[]; };
 
 void main() {
@@ -42,9 +45,11 @@ void main() {
     do {
         uint i = at + lane;
         bool valid = i < end;
-        uint splat = texel_pick(splat_from_isect, i);
-        uint slot = texel_pick(slot_from_isect, i);
-        splat = valid ? splat : 0u;
+        uint word = texel_pick(splat_from_isect, i);
+        uint splat = valid ? isect_splat(word) : 0u;
+        uint slot;
+        if (PACKED == 1u) slot = texel_pick(slot_ranges, 2u * splat) + isect_place(word);
+        else slot = texel_pick(slot_from_isect, i);
         vec4 shape = texel_load(geom, int(2u * splat));
         vec4 rest = texel_load(geom, int(2u * splat + 1u));
         float log_opacity = valid ? log2(rest.y) : NO_SPLAT;

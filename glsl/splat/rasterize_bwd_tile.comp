@@ -2,7 +2,7 @@
 // splat/rasterize_bwd_tile: splat/rasterize_bwd for GPUs, dL/d(colour) of each (tile, splat) pair. One workgroup per
 // 8x8 tile.
 //   in   geom [V,8]   tile_offsets [tiles+1]   tile_order [tiles] active ones first   splat_from_isect, slot_from_isect
-//     [I]
+//     [I], as in lib/isect.glsl   slot_ranges [V,2] first, end
 //        v_image [..,H,W,4] = dL/d(image), 4th channel unread, from pixel `in_offset` on
 //   out  v_slots [I,4] = sum over the tile's pixels of weight * v_image (=), at the pair's slot
 //   eq   v_colour = sum_p alpha_p T_p v_image_p; geometry and opacity are constants
@@ -16,6 +16,8 @@
 #extension GL_GOOGLE_include_directive : require
 #include "lib/raster.glsl"
 layout(local_size_x = 64) in;
+layout(constant_id = 0) const uint PACKED = 1;
+#include "lib/isect.glsl"
 layout(push_constant) uniform Params { uint width, height, tiles_x, num_active, tile_stride, in_offset; } p;
 layout(set = 0, binding = 0) readonly buffer Geom { vec4 geom[]; };
 layout(set = 0, binding = 1) readonly buffer VImage { vec4 v_image[]; };
@@ -23,6 +25,7 @@ layout(set = 0, binding = 2) readonly buffer SplatFromIsect { uint splat_from_is
 layout(set = 0, binding = 3) readonly buffer SlotFromIsect { uint slot_from_isect[]; };
 layout(set = 0, binding = 4) readonly buffer TileOffsets { uint tile_offsets[]; };
 layout(set = 0, binding = 6) readonly buffer TileOrder { uint tile_order[]; };
+layout(set = 0, binding = 7) readonly buffer SlotRanges { uint slot_ranges[]; };
 layout(set = 0, binding = 5) buffer VSlots { vec4 v_slots[]; };
 
 const uint PIXELS = 64u;
@@ -49,7 +52,7 @@ void main() {
     do {
         bool valid = at + splat_of_batch < end;
         if (half_of_tile == 0u) {
-            uint splat = valid ? splat_from_isect[at + id] : 0u;
+            uint splat = valid ? isect_splat(splat_from_isect[at + id]) : 0u;
             batch_shape[id] = valid ? geom[2u * splat] : vec4(0.0);
             vec4 rest = geom[2u * splat + 1u];
             batch_rest[id] = vec2(rest.x, valid ? log2(rest.y) : NO_SPLAT);
@@ -78,7 +81,13 @@ void main() {
         } while (pixel < PIXELS / 2u);
         if (half_of_tile == 1u) upper_half[splat_of_batch] = sum;
         barrier();
-        if (half_of_tile == 0u && valid) v_slots[slot_from_isect[at + id]] = sum + upper_half[id];
+        if (half_of_tile == 0u && valid) {
+            uint word = splat_from_isect[at + id];
+            uint slot;
+            if (PACKED == 1u) slot = slot_ranges[2u * isect_splat(word)] + isect_place(word);
+            else slot = slot_from_isect[at + id];
+            v_slots[slot] = sum + upper_half[id];
+        }
         at += BATCH;
     } while (at < end);
 }

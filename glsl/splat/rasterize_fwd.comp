@@ -2,7 +2,7 @@
 // splat/rasterize_fwd: front-to-back blending, Kerbl et al. 2023. One workgroup per 8x8 tile, one lane per column.
 //   in   geom [V,8] = mean2d.xy, conic.ab | conic.c, opacity, depth, -   colours [V,4]   tile_offsets [tiles+1]
 //     tile_order [tiles] active ones first
-//        splat_from_isect [I, padded by 8] front to back inside a tile
+//        splat_from_isect [I, padded by 8] front to back inside a tile, as in lib/isect.glsl
 //   out  image [..,H,W,4] = rgb over the background, final transmittance (=), from pixel `out_offset` on
 //   a splat meets all pixels of its tiles, with weight 0 where it is skipped: a colour that is not finite makes those
 //     NaN
@@ -15,6 +15,8 @@ layout(local_size_x = 8) in;
 #include "lib/raster.glsl"
 // 1 when no tile juts out of the image and no workgroup is one too many: then nothing is stored under a mask.
 layout(constant_id = 0) const uint WHOLE = 0;
+layout(constant_id = 1) const uint PACKED = 1;
+#include "lib/isect.glsl"
 layout(push_constant) uniform Params {
     uint width, height, tiles_x, num_active, tile_stride, out_offset;
     float background_r, background_g, background_b;
@@ -43,7 +45,7 @@ void main() {
     do {
         uint i = at + lane;
         bool valid = i < end;
-        uint splat = texel_pick(splat_from_isect, i);
+        uint splat = isect_splat(texel_pick(splat_from_isect, i));
         splat = valid ? splat : 0u;
         vec4 shape = texel_load(geom, int(2u * splat));
         vec4 rest = texel_load(geom, int(2u * splat + 1u));

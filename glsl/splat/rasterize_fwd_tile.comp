@@ -2,7 +2,7 @@
 // splat/rasterize_fwd_tile: splat/rasterize_fwd for GPUs. One workgroup per 8x8 tile, one invocation per pixel.
 //   in   geom [V,8] = mean2d.xy, conic.ab | conic.c, opacity, depth, -   colours [V,4]   tile_offsets [tiles+1]
 //     tile_order [tiles] active ones first
-//        splat_from_isect [I] front to back inside a tile
+//        splat_from_isect [I] front to back inside a tile, as in lib/isect.glsl
 //   out  image [..,H,W,4] = rgb over the background, final transmittance (=), from pixel `out_offset` on
 //   Splats come in batches of 64 through 2.5 KiB of shared memory; a tile ends with the batch in which its last pixel
 //     stops.
@@ -12,6 +12,8 @@
 #extension GL_GOOGLE_include_directive : require
 #include "lib/raster.glsl"
 layout(local_size_x = 64) in;
+layout(constant_id = 0) const uint PACKED = 1;
+#include "lib/isect.glsl"
 layout(push_constant) uniform Params {
     uint width, height, tiles_x, num_active, tile_stride, out_offset;
     float background_r, background_g, background_b;
@@ -41,7 +43,7 @@ void main() {
     vec3 sum = vec3(0.0);
     do {
         bool valid = at + id < end;
-        uint splat = valid ? splat_from_isect[at + id] : 0u;
+        uint splat = valid ? isect_splat(splat_from_isect[at + id]) : 0u;
         batch_shape[id] = valid ? geom[2u * splat] : vec4(0.0);
         vec4 rest = geom[2u * splat + 1u];
         batch_rest[id] = vec2(rest.x, valid ? log2(rest.y) : NO_SPLAT);

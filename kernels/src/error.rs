@@ -99,3 +99,11 @@ pub enum KernelError {
         code: String,
     },
 }
+
+impl KernelError {
+    /// Whether something else has to give device memory back first, be it that a budget or the driver has no more.
+    #[must_use]
+    pub fn is_out_of_memory(&self) -> bool {
+        matches!(self, Self::OverBudget { .. } | Self::Allocation { .. })
+    }
+}

@@ -1,5 +1,6 @@
 //! The ground floor: outputs and streams.
 
+mod held;
 mod ledger;
 mod output;
 mod prf;

@@ -3,6 +3,7 @@
 use guard4d_engine::detect::exhibit::{Exhibit, difference};
 use guard4d_engine::detect::request::{VerifyInputs, VerifyRequest};
 use guard4d_engine::detect::suspect::Suspect;
+use guard4d_engine::detect::verify_cache::VerifyCache;
 use guard4d_engine::media::{Frame, ReadOptions};
 
 use crate::support::gpu::device;
@@ -65,6 +66,7 @@ fn shown(lengths: &[u8]) -> Vec<(usize, u64)> {
         original: None,
         trusted_clip: None,
         claims: std::num::NonZeroU32::MIN,
+        cache: &VerifyCache::default(),
     };
     let report = request.verify(&inputs, &ReadOptions::default()).expect("reads");
     let told = report.exhibits.iter().map(|exhibit| {

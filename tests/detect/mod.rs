@@ -3,3 +3,4 @@
 mod exhibit;
 mod opened;
 mod request;
+mod verify_cache;

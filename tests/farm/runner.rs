@@ -2,9 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::num::NonZeroUsize;
 use std::sync::Mutex;
 
 use guard4d_engine::error::EngineError;
+use guard4d_engine::farm::crowd::DeviceMemory;
 use guard4d_engine::farm::journal::Journal;
 use guard4d_engine::farm::manifest::{Manifest, Row};
 use guard4d_engine::farm::record::{Record, State};
@@ -27,6 +29,8 @@ struct Copying<'a> {
     is_stopped: bool,
     /// How many light rows were done at once, each time.
     at_once: Vec<usize>,
+    /// Memory of the device, if there is one.
+    memory: Option<DeviceMemory>,
 }
 
 impl Jobs for Copying<'_> {
@@ -62,6 +66,10 @@ impl Jobs for Copying<'_> {
 
     fn is_light(&self, row: &Row) -> bool {
         row.columns.contains_key("light")
+    }
+
+    fn device_memory(&self) -> Option<DeviceMemory> {
+        self.memory
     }
 
     fn run_at_once(&mut self, rows: &[(&Row, Attempt)]) -> Vec<Result<Ended, EngineError>> {
@@ -260,10 +268,28 @@ fn rows_with_devices_of_their_own_are_done_at_once_where_it_is_asked_for() {
     ]);
     farm.put("x", "1");
     let mut jobs = Copying { folder: farm.folder.path().to_path_buf(), ..Copying::default() };
-    let summary = run_with(&farm.manifest(), Policy { at_once: 2, ..Policy::default() }, &mut jobs);
+    let summary = run_with(&farm.manifest(), Policy { at_once: NonZeroUsize::new(2), ..Policy::default() }, &mut jobs);
     assert_eq!((summary.done, summary.failed), (4, vec![]));
     assert_eq!(jobs.at_once, [2], "two that need a device, and no light row among them");
     assert_eq!(ids(&jobs.ran), ["a", "b", "b", "l", "c"], "the one that lost its device was done again, alone");
+}
+
+#[test]
+fn rows_share_a_device_once_one_was_measured_and_memory_holds_them() {
+    let farm = Farm::new(&["id,job,input,output", "a,copy,x,1", "b,copy,x,2", "c,copy,x,3", "d,other,x,4"]);
+    farm.put("x", "1");
+    let at_once = |free| {
+        let memory = Some(DeviceMemory { free, held: 5, row_peak: 10 });
+        let mut jobs = Copying { folder: farm.folder.path().to_path_buf(), memory, ..Copying::default() };
+        let policy = Policy { replace: true, ..Policy::default() };
+        fs::remove_dir_all(farm.manifest().state()).ok();
+        assert_eq!(run_with(&farm.manifest(), policy, &mut jobs).done, 4);
+        assert_eq!(ids(&jobs.ran), ["a", "b", "c", "d"]);
+        jobs.at_once
+    };
+    assert_eq!(at_once(14), [] as [usize; 0], "memory for one and nine tenths");
+    let two = if std::thread::available_parallelism().is_ok_and(|all| all.get() > 1) { vec![2] } else { vec![] };
+    assert_eq!(at_once(15), two, "the first alone, then two, and the first of another job alone");
 }
 
 #[test]

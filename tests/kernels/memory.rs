@@ -4,7 +4,7 @@ use guard4d_engine::error::EngineError;
 use guard4d_kernels::KernelError;
 use guard4d_kernels::vk::{DeviceKind, MemoryPropertyFlags as Property, MemoryType, MemoryUse, work_memory};
 
-use crate::support::gpu::{own_device, staged_device};
+use crate::support::gpu::{device_with_free, own_device, staged_device};
 
 const LOCAL: Property = Property::DEVICE_LOCAL;
 const HOST: Property = Property::from_raw(Property::HOST_VISIBLE.as_raw() | Property::HOST_COHERENT.as_raw());
@@ -141,6 +141,33 @@ fn a_budget_refuses_what_would_break_it_and_nothing_else() {
     assert!(gpu.memory_use().peak_reserved_bytes <= budget, "{:?}", gpu.memory_use());
     assert_eq!(small[0].read_range(0..1).expect("reads"), [0.0], "what was there is as it was");
     drop((first, last));
+}
+
+#[test]
+fn a_processor_does_not_take_all_that_the_machine_has_free() {
+    let free = 64 << 20;
+    let Some(gpu) = device_with_free(free) else { return };
+    assert_eq!(gpu.free_memory(), Some(free), "as it was told");
+    let len = |bytes: u64| bytes as usize / size_of::<f32>();
+    let half = gpu.buffer::<f32>("half", len(free / 2)).expect("there is room");
+    let used = gpu.memory_use();
+    let error = gpu.buffer::<f32>("the other half", len(free / 2)).expect_err("more than three quarters");
+    let KernelError::Allocation { name, reason, .. } = &error else { panic!("{error:?}") };
+    assert_eq!(name, "the other half");
+    let why = format!("beyond {} bytes, three quarters of what the machine had free", free / 4 * 3);
+    assert!(reason.contains(&why) && reason.contains("`half`"), "{reason}");
+    assert!(error.is_out_of_memory());
+    assert_eq!(gpu.memory_use(), used, "a refusal leaves nothing behind");
+    // Whoever sets a budget knows better.
+    gpu.limit_memory(2 * free);
+    assert!(gpu.buffer::<f32>("the other half", len(free / 2)).is_ok());
+    drop(half);
+
+    let Some(gpu) = own_device() else { return };
+    let first = gpu.free_memory();
+    if gpu.info().kind == DeviceKind::Cpu {
+        assert!(first.is_some_and(|bytes| bytes > 64 << 20), "a machine that runs these tests has some: {first:?}");
+    }
 }
 
 #[test]

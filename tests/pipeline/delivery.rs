@@ -10,6 +10,7 @@ use guard4d_engine::base::tensor_file::TensorFile;
 use guard4d_engine::detect::request::{VerifyInputs, VerifyRequest};
 use guard4d_engine::detect::sought::Sought;
 use guard4d_engine::detect::suspect::Suspect;
+use guard4d_engine::detect::verify_cache::VerifyCache;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::evidence::extractor_mode::ExtractorMode;
 use guard4d_engine::evidence::judgement::PStatement;
@@ -304,6 +305,22 @@ fn inputs_of(film: &Path) -> VerifyInputs {
     VerifyInputs { suspects: vec![Suspect::Video(film.to_owned())], ..VerifyInputs::default() }
 }
 
+/// Whether a p-value was computed; else it is a bound by what controls did.
+fn is_exact(p_value: PStatement) -> bool {
+    match p_value {
+        PStatement::Searched { .. } => panic!("nothing was searched"),
+        PStatement::NotCommitted { .. } => panic!("the receipt binds its reader"),
+        PStatement::Exact { matches, soft_score } => {
+            assert!((0.0..=1.0).contains(&matches) && (0.0..=1.0).contains(&soft_score), "{matches}, {soft_score}");
+            true
+        }
+        PStatement::Empirical { bound, .. } => {
+            assert!((0.0..=1.0).contains(&bound), "{bound}");
+            false
+        }
+    }
+}
+
 /// Reads the mark from frames and, of one mode, from video.
 fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
     let receipt = out.join(PRIVATE).join(RECEIPT);
@@ -318,6 +335,7 @@ fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
         original: Some(&owner.model),
         trusted_clip: None,
         claims: NonZeroU32::MIN,
+        cache: &VerifyCache::default(),
     };
     let extractor = TensorFile::read(&request.extractor_path()).expect("beside the receipt");
     let is_framed = extractor.tensors.contains_key("known_views.placements");
@@ -349,18 +367,7 @@ fn verify(gpu: &Gpu, owner: &Owner, out: &Path) {
         });
         assert!(matches!(stopped, Err(EngineError::Stopped)), "whoever watches may stop");
         assert_eq!(seen, [(1, Some(2), true), (2, Some(2), true)], "frames as they are read");
-        let exact = match report.evidence.p_value {
-            PStatement::Searched { .. } => panic!("nothing was searched"),
-            PStatement::NotCommitted { .. } => panic!("the receipt binds its reader"),
-            PStatement::Exact { matches, soft_score } => {
-                assert!((0.0..=1.0).contains(&matches) && (0.0..=1.0).contains(&soft_score), "{matches}, {soft_score}");
-                true
-            }
-            PStatement::Empirical { bound, .. } => {
-                assert!((0.0..=1.0).contains(&bound), "{bound}");
-                false
-            }
-        };
+        let exact = is_exact(report.evidence.p_value);
         assert_eq!(exact, owner.config.mode() != ExtractorMode::Joint, "joint alone has no exact p-value");
     }
     let other = VerifyRequest { sought: Some(Sought::Message(message.inverted())), ..request };

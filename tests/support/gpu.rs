@@ -31,7 +31,7 @@ pub(crate) fn device() -> Option<Gpu> {
     static DEVICE: OnceLock<Result<Device, String>> = OnceLock::new();
     // What an earlier test on this thread left, before the device is opened: errors of opening it count.
     let _ = take_validation_errors();
-    let opened = DEVICE.get_or_init(|| open(HostAccess::Mapped));
+    let opened = DEVICE.get_or_init(|| open(DeviceOptions::default()));
     let required = is_required();
     match opened {
         Ok(device) => {
@@ -48,17 +48,22 @@ pub(crate) fn device() -> Option<Gpu> {
 
 /// A device that no other test uses, for tests that look at the device itself. `None` as for [`device`].
 pub(crate) fn own_device() -> Option<Gpu> {
-    own(HostAccess::Mapped)
+    own(DeviceOptions::default())
 }
 
 /// The same with a device whose memory the host reaches as it would that of a card it cannot see into.
 pub(crate) fn staged_device() -> Option<Gpu> {
-    own(HostAccess::Staged)
+    own(DeviceOptions { host_access: HostAccess::Staged, ..DeviceOptions::default() })
 }
 
-fn own(host_access: HostAccess) -> Option<Gpu> {
+/// The same of a machine that has as many bytes free.
+pub(crate) fn device_with_free(bytes: u64) -> Option<Gpu> {
+    own(DeviceOptions { free_memory: Some(bytes), ..DeviceOptions::default() })
+}
+
+fn own(options: DeviceOptions) -> Option<Gpu> {
     drop(device()?);
-    Some(Gpu(open(host_access).expect("it opened a moment ago")))
+    Some(Gpu(open(options).expect("it opened a moment ago")))
 }
 
 /// The shared device where validation layers watch it, for tests of the feature_stream. `None`, with the reason
@@ -108,9 +113,9 @@ pub(crate) fn half_device() -> Option<Gpu> {
     Some(gpu)
 }
 
-fn open(host_access: HostAccess) -> Result<Device, String> {
+fn open(options: DeviceOptions) -> Result<Device, String> {
     let kernels: FamilySelect = std::env::var("GUARD4D_KERNELS").unwrap_or_else(|_| "auto".to_owned()).parse()?;
-    open_with(DeviceOptions { host_access, kernels, ..DeviceOptions::default() })
+    open_with(DeviceOptions { kernels, ..options })
 }
 
 fn open_with(options: DeviceOptions) -> Result<Device, String> {

@@ -48,6 +48,18 @@ const MESA_25: Unpacked = Unpacked {
     ],
 };
 
+/// Mesa's driver for AMD GPUs, the newest that compiles for a GPU which is not there: those from 25.2 on want a kernel
+/// module that pretends to be one.
+const RADV_25: Unpacked = Unpacked {
+    library: "libvulkan_radeon.so",
+    version: "1.4.305",
+    packages: &[
+        Wanted { package: "mesa-vulkan-drivers/bookworm-backports", files: "*/libvulkan_radeon.so" },
+        Wanted { package: "libdrm2/bookworm-backports", files: "*/libdrm.so.2*" },
+        Wanted { package: "libdrm-amdgpu1/bookworm-backports", files: "*/libdrm_amdgpu.so.1*" },
+    ],
+};
+
 const SWIFTSHADER: Unpacked = Unpacked {
     library: "libvk_swiftshader.so",
     version: "1.3.0",
@@ -87,8 +99,15 @@ impl Driver {
     }
 }
 
+/// Fetches Mesa 25's driver for AMD GPUs where it is not here yet. Returns what makes programs load it alone.
+pub(crate) fn radv_25(workspace: &Workspace) -> Result<Environment> {
+    let drivers = workspace.path("target/drivers");
+    fs::create_dir_all(&drivers).of_file(&drivers)?;
+    own_release(&RADV_25, &drivers, &drivers.join("radv-25"))
+}
+
 /// Makes the loader find one driver alone. Loaders before 1.3.207 know the second name only.
-fn found_by(manifest: &Path) -> Environment {
+pub(crate) fn found_by(manifest: &Path) -> Environment {
     ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].map(|name| (name, manifest.into())).into()
 }
 
@@ -196,7 +215,7 @@ mod tests {
 
     #[test]
     fn packages_name_a_suite_that_apt_knows() {
-        let wanted = [&MESA_25, &SWIFTSHADER].into_iter().flat_map(|driver| driver.packages);
+        let wanted = [&MESA_25, &RADV_25, &SWIFTSHADER].into_iter().flat_map(|driver| driver.packages);
         for package in wanted.map(|wanted| wanted.package) {
             let suite = package.split_once('/').expect("NAME/SUITE").1;
             assert!(["bookworm", "bookworm-backports"].contains(&suite), "{package}");

@@ -9,6 +9,7 @@ use std::process::Command;
 use clap::Args;
 use serde_json::Value;
 
+use crate::drivers::{found_by, radv_25};
 use crate::error::{Error, Naming, Result};
 use crate::process::output;
 use crate::programs::executable;
@@ -16,6 +17,8 @@ use crate::workspace::{Workspace, say};
 
 /// GPUs as Mesa names them: of GCN 5, RDNA 2 and RDNA 3.
 const GPUS: [&str; 3] = ["vega10", "navi21", "gfx1100"];
+/// Of RDNA 3 as Mesa 25 names it, whose compiler knows its cooperative matrices.
+const GPU_WITH_MATRICES: &str = "navi31";
 /// Columns of the table, and what the driver calls them.
 const COLUMNS: [(&str, &str); 10] = [
     ("vgprs", "VGPRs"),
@@ -32,8 +35,8 @@ const COLUMNS: [(&str, &str); 10] = [
 /// Those of a row that are compared: how many subgroups hide each other's waits, and how much there is to do.
 const COMPARED: [&str; 2] = ["subgroups_per_simd", "instructions"];
 
-/// Compile every kernel for three AMD GPUs that need not be here, write one table, and compare it with the committed
-/// one; spilled registers are a failure
+/// Compile every kernel for AMD GPUs that need not be here, write one table, and compare it with the committed one;
+/// spilled registers are a failure
 #[derive(Args)]
 pub(crate) struct IsaArgs {
     /// Replace the committed table
@@ -64,13 +67,16 @@ pub(crate) fn run(workspace: &Workspace, args: &IsaArgs) -> Result<()> {
     workspace.need(&["compiler", "loader", "lavapipe"])?;
     let messages = ["--bin", "guard4d", "--message-format", "json-render-diagnostics"];
     let program = executable(&output(workspace.cargo("build").args(messages))?, "guard4d")?;
-    let manifest = radv()?;
+    let installed = found_by(&radv()?);
+    let compilers = GPUS.map(|gpu| (gpu, installed.clone())).into_iter();
     let mut table = Table::new();
-    for gpu in GPUS {
+    for (gpu, environment) in compilers.chain([(GPU_WITH_MATRICES, radv_25(workspace)?)]) {
         let mut command = Command::new(&program);
-        command.args(["--json", "lab", "isa"]).env("RADV_FORCE_FAMILY", gpu);
-        ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].iter().for_each(|name| _ = command.env(name, &manifest));
+        command.args(["--json", "lab", "isa"]).env("RADV_FORCE_FAMILY", gpu).envs(environment);
         take(gpu, &output(&mut command)?, &mut table)?;
+    }
+    if !table.keys().any(|program| program.kernel.ends_with("_coop")) {
+        return Err(Error::Broken(format!("no kernel with cooperative matrices was compiled for {GPU_WITH_MATRICES}")));
     }
     let path = workspace.path("benches/results/isa/radv.csv");
     let known = fs::read_to_string(&path).map(|text| parsed(&text)).unwrap_or_default();

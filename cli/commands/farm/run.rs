@@ -1,12 +1,15 @@
 //! `guard4d farm run`
 
 use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
 use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::{ArgMatches, Args, Command};
+use guard4d_engine::device::{Device, MemoryUse};
 use guard4d_engine::error::EngineError;
+use guard4d_engine::farm::crowd::DeviceMemory;
 use guard4d_engine::farm::manifest::{Manifest, Row};
 use guard4d_engine::farm::runner::{Attempt, Ended, Event, Jobs, Policy, Summary, Worker};
 use guard4d_engine::farm::selection::{RowNumbers, Selection, Shard};
@@ -47,12 +50,12 @@ pub(super) struct RunArgs {
     /// Begin no other row once as many have failed
     #[arg(long, value_name = "N")]
     max_failures: Option<usize>,
-    /// Rows to do at once that need the device, each with a device and memory of its own
+    /// Rows to do at once that need the device, each with memory of its own [default: as many as measures faster]
     ///
-    /// Worth it where one row leaves much of the device idle: small assets, and processors. Small conversions are done
-    /// eight at once whatever this says.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
-    at_once: u32,
+    /// Two share the device once one was done alone and the memory holds both, and go on if that was faster; then
+    /// three, up to four. Small conversions are done eight at once whatever this says.
+    #[arg(long, value_name = "N")]
+    at_once: Option<NonZeroUsize>,
     /// Who is told how far it is
     #[arg(long, value_enum, value_name = "WATCHER", default_value = "auto")]
     progress: Watcher,
@@ -98,7 +101,7 @@ pub(super) fn run(
         retry_failed: args.retry_failed,
         replace: args.overwrite.is_asked(),
         max_failures: if args.fail_fast { Some(1) } else { args.max_failures },
-        at_once: args.at_once as usize,
+        at_once: args.at_once,
     };
     let mut watch = |event: Event<'_>| teller.tell(event);
     let summary = Worker::new(&manifest, policy, &mut jobs, &mut watch)?.run(&places)?;
@@ -196,6 +199,16 @@ impl Jobs for Commands<'_> {
             };
             let running: Vec<_> = parsed.into_iter().zip(sessions).map(start).collect();
             running.into_iter().map(|row| row.join().unwrap_or_else(|cause| resume_unwind(cause))).collect()
+        })
+    }
+
+    fn device_memory(&self) -> Option<DeviceMemory> {
+        let devices: Vec<Device> = self.sessions.iter().filter_map(|session| session.open_device()).collect();
+        let uses: Vec<MemoryUse> = devices.iter().map(Device::memory_use).collect();
+        Some(DeviceMemory {
+            free: devices.first()?.free_memory()?,
+            held: uses.iter().map(|used| used.reserved_bytes).sum(),
+            row_peak: uses.iter().map(|used| used.peak_reserved_bytes).max()?,
         })
     }
 

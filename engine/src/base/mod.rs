@@ -3,6 +3,7 @@
 pub mod checkpoint;
 pub mod digest;
 pub mod files;
+pub mod held;
 pub mod json;
 pub mod ledger;
 pub mod matrix;
@@ -10,6 +11,7 @@ pub mod natural;
 pub mod numbers;
 pub mod observer;
 pub mod output;
+pub mod pipelines;
 pub mod prf;
 pub mod rotation;
 pub mod schedule;

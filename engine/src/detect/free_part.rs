@@ -9,7 +9,7 @@ use crate::error::EngineError;
 use crate::evidence::extractor_mode::ExtractorMode;
 use crate::release::receipt::Receipt;
 use crate::scene::Model;
-use crate::watermark::embed::{Subject, refit};
+use crate::watermark::embed::Subject;
 use crate::watermark::extractor::weights::{Deviation, ExtractorWeights};
 
 /// Furthest that an extractor may be from the one that is fitted again, as a share of its size. On one device both are
@@ -78,7 +78,7 @@ fn compare(
     extractor: &ExtractorWeights,
     original: &Model,
 ) -> Result<Deviation, EngineError> {
-    let VerifyRequest { device, clip, key, .. } = *request;
+    let VerifyRequest { device, clip, key, cache, .. } = *request;
     let mut config = receipt.config(request.receipt)?;
     if config.mode() != extractor.mode {
         let expected = format!("{}, the mode of the extractor", extractor.mode);
@@ -88,7 +88,7 @@ fn compare(
     // The message has no part in fitting; any will do.
     let message = key.own_message();
     let subject = Subject { device, clip, key, model: original, message: &message };
-    let fitted = refit(subject, &config, extractor.key_rotation)?;
+    let fitted = cache.refit(subject, &config, extractor.key_rotation)?;
     let deviation = extractor.deviation(&fitted);
     let Deviation { colour_map, mean_image, directions, mean_logits, known_views, content } = deviation;
     let parts = [

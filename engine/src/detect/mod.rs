@@ -12,3 +12,4 @@ pub mod request;
 pub mod sought;
 pub mod suspect;
 pub mod verify;
+pub mod verify_cache;

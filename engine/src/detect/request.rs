@@ -8,6 +8,7 @@ use guard4d_kernels::Device;
 use super::controls::OtherKey;
 use super::sought::Sought;
 use super::suspect::Suspect;
+use super::verify_cache::VerifyCache;
 use crate::base::digest::Digest;
 use crate::media::Frame;
 use crate::networks::clip::ClipModel;
@@ -40,6 +41,8 @@ pub struct VerifyRequest<'a> {
     pub trusted_clip: Option<Digest>,
     /// Claims that this one was chosen from: receipts, keys, owners and films that were or could have been tried.
     pub claims: NonZeroU32,
+    /// What the verifications before it have made, if there were any.
+    pub cache: &'a VerifyCache,
 }
 
 impl VerifyRequest<'_> {

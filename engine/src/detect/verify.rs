@@ -5,7 +5,6 @@ use super::clip_reader::ClipReader;
 use super::controls::Unmarked;
 use super::free_part::FreePart;
 use super::opened::Opened;
-use super::own_clips::own_clips;
 use super::report::{BitReading, Choices, ClipReading, Undone, VerifyReport};
 use super::request::{VerifyInputs, VerifyRequest};
 use super::suspect::Suspects;
@@ -62,7 +61,8 @@ impl VerifyRequest<'_> {
         let chosen = [tried, self.claims.get(), standing.receipts()];
         let chosen = chosen.into_iter().fold(extractor.key_rotation.of, u32::saturating_mul);
 
-        let unmarked = Unmarked { unrelated: &inputs.unrelated, clean: &inputs.clean, own: &own_clips(self.device)? };
+        let own = self.cache.own_clips(self.device)?;
+        let unmarked = Unmarked { unrelated: &inputs.unrelated, clean: &inputs.clean, own: &own };
         let mut controls = unmarked.read(&mut reader, answer.message())?;
         let features = &suspects.features()[answer.guess()].features;
         for other in &inputs.other_keys {

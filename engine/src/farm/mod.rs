@@ -5,6 +5,7 @@
 pub mod ahead;
 pub mod claim;
 pub mod contents;
+pub mod crowd;
 pub mod forecast;
 pub mod journal;
 pub mod ledger;

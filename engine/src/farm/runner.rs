@@ -1,6 +1,7 @@
 //! Doing rows in one process: one after the other, and light ones several at once.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
@@ -11,6 +12,7 @@ use serde_json::Value;
 use super::ahead::Ahead;
 use super::claim::{BEAT, Claim, Claims, worker_name};
 use super::contents::Contents;
+use super::crowd::{Crowd, DeviceMemory};
 use super::journal::Journal;
 use super::manifest::{Manifest, Row};
 use super::record::{Record, State};
@@ -40,6 +42,11 @@ pub trait Jobs {
     /// Does rows at once, either light ones or such that need a device each; what each came to, in their order.
     fn run_at_once(&mut self, rows: &[(&Row, Attempt)]) -> Vec<Result<Ended, EngineError>> {
         rows.iter().map(|(row, attempt)| self.run(row, *attempt)).collect()
+    }
+
+    /// Memory of the device that rows are done on, if there is one and the driver tells.
+    fn device_memory(&self) -> Option<DeviceMemory> {
+        None
     }
 
     /// Columns of a row that its job does not know.
@@ -83,8 +90,9 @@ pub struct Policy {
     pub replace: bool,
     /// After as many failures no other row is begun.
     pub max_failures: Option<usize>,
-    /// How many rows are done at once that are not light; 0 counts as 1.
-    pub at_once: usize,
+    /// How many rows are done at once that are not light; by default as many as measures faster, if the memory of the
+    /// device holds them.
+    pub at_once: Option<NonZeroUsize>,
 }
 
 /// What a worker achieved.
@@ -125,6 +133,7 @@ pub struct Worker<'a> {
     jobs: &'a mut dyn Jobs,
     watch: &'a mut dyn FnMut(Event<'_>),
     ahead: Ahead,
+    crowd: Crowd,
     /// Rows that are known to be done.
     done: HashSet<usize>,
     /// Rows that failed while this worker was there, and why.
@@ -192,8 +201,8 @@ impl<'a> Worker<'a> {
         let (state, name) = (manifest.state(), worker_name()?);
         let claims = Claims::open(&state.join("claims"), &name, BEAT)?;
         let journal = Journal::open(&state, &name)?;
-        let (ahead, done, failed) = (Ahead::default(), HashSet::new(), HashMap::new());
-        Ok(Self { manifest, policy, journal, claims, name, jobs, watch, ahead, done, failed })
+        let (ahead, crowd, done, failed) = (Ahead::default(), Crowd::default(), HashSet::new(), HashMap::new());
+        Ok(Self { manifest, policy, journal, claims, name, jobs, watch, ahead, crowd, done, failed })
     }
 
     /// Does these rows, which stand behind all that they need.
@@ -228,8 +237,9 @@ impl<'a> Worker<'a> {
         summary: &mut Summary,
     ) -> Result<Vec<usize>, EngineError> {
         let (mut again, mut begun, mut rest) = (Vec::new(), Vec::new(), 0);
-        // Light rows and others are not mixed.
-        let mut holds_light = false;
+        // Jobs are not mixed, nor light rows with others.
+        let mut kind = None;
+        let manifest = self.manifest;
         for (nth, &place) in left.iter().enumerate() {
             let is_enough = self.policy.max_failures.is_some_and(|most| summary.failed.len() >= most);
             if self.jobs.is_stopped() || is_enough || summary.is_interrupted {
@@ -237,23 +247,22 @@ impl<'a> Worker<'a> {
                 rest = left.len() - nth;
                 break;
             }
-            let is_light = self.jobs.is_light(&self.manifest.rows()[place]);
-            if is_light != holds_light {
+            let row = &manifest.rows()[place];
+            let is_light = self.jobs.is_light(row);
+            if kind.replace((is_light, &row.job)) != Some((is_light, &row.job)) {
                 self.attempt(std::mem::take(&mut begun), summary)?;
-                holds_light = is_light;
             }
             match self.consider(place)? {
                 Considered::Over(Looked::Elsewhere) if needed.contains(&place) => again.push(place),
                 Considered::Over(Looked::Waits) => again.push(place),
                 Considered::Over(looked) => {
-                    let row = &self.manifest.rows()[place];
                     (self.watch)(Event::Passes(row));
                     summary.count(row, looked);
                 }
-                Considered::Refused(looked) => summary.count(&self.manifest.rows()[place], looked),
+                Considered::Refused(looked) => summary.count(row, looked),
                 Considered::Ready(row) => begun.push(*row),
             }
-            let most = if is_light { AT_ONCE } else { self.policy.at_once.max(1) };
+            let most = if is_light { AT_ONCE } else { self.at_once(&row.job) };
             if begun.len() >= most {
                 self.look_ahead(left[nth + 1..].iter().take(most));
                 self.attempt(std::mem::take(&mut begun), summary)?;
@@ -264,6 +273,11 @@ impl<'a> Worker<'a> {
             summary.left += rest + again.len();
         }
         Ok(again)
+    }
+
+    /// How many rows of a job are done at once.
+    fn at_once(&self, job: &str) -> usize {
+        self.policy.at_once.map_or_else(|| self.crowd.most(job, self.jobs.device_memory()), NonZeroUsize::get)
     }
 
     /// Has the inputs of rows read whose turn comes next.
@@ -367,10 +381,14 @@ impl<'a> Worker<'a> {
         let started = Instant::now();
         let ended = self.run_twice(&rows);
         // Rows that were done at once share the time that they took.
-        let seconds = started.elapsed().as_secs_f64() / rows.len() as f64;
-        let mut looked = Vec::with_capacity(rows.len());
+        let seconds = started.elapsed().as_secs_f64();
+        let alike: Vec<&Row> = rows.iter().map(|(row, _)| *row).collect();
+        if ended.iter().all(Result::is_ok) && !self.jobs.is_light(alike[0]) {
+            self.crowd.learn(&alike, seconds);
+        }
+        let (mut looked, count) = (Vec::with_capacity(rows.len()), rows.len() as f64);
         for (row, ended) in begun.iter_mut().zip(ended) {
-            row.record.seconds = seconds;
+            row.record.seconds = seconds / count;
             looked.push(self.settle(row.place, &mut row.record, ended)?);
         }
         let (records, claims): (Vec<Record>, Vec<Claim>) = begun.into_iter().map(|row| (row.record, row.claim)).unzip();

@@ -103,12 +103,15 @@ pub fn forward(
             rec.dispatch_spec(bind, params, $spec, $grid)
         }};
     }
+    let packed = u32::from(lists.is_packed());
     match rec.family() {
         KernelFamily::Lanes => {
-            let spec = rasterize_fwd::Spec { whole: u32::from(is_whole(lists)) };
+            let spec = rasterize_fwd::Spec { whole: u32::from(is_whole(lists)), packed };
             blend!(rasterize_fwd, workgroups(lists.num_active), spec)?;
         }
-        KernelFamily::Tiles => blend!(rasterize_fwd_tile, pixel_workgroups(lists.num_active), ())?,
+        KernelFamily::Tiles => {
+            blend!(rasterize_fwd_tile, pixel_workgroups(lists.num_active), rasterize_fwd_tile::Spec { packed })?;
+        }
     }
     clear(rec, lists, background, frame)
 }
@@ -168,6 +171,7 @@ pub fn backward(
                 slot_from_isect: &lists.slot_from_isect,
                 tile_offsets: &lists.tile_offsets,
                 tile_order: &lists.tile_order,
+                slot_ranges: &lists.slot_ranges,
                 v_slots: &mut scratch.v_slots,
             };
             let params = $module::Params {
@@ -178,7 +182,8 @@ pub fn backward(
                 tile_stride: stride(lists.num_active),
                 in_offset: dim(grid.num_pixels() * v_frame.index),
             };
-            rec.dispatch(bind, params, $grid)
+            let spec = $module::Spec { packed: u32::from(lists.is_packed()) };
+            rec.dispatch_spec(bind, params, spec, $grid)
         }};
     }
     match rec.family() {

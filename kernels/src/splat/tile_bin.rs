@@ -49,10 +49,10 @@ pub struct VisibleLists {
     pub splat_from_visible: Buffer<u32>,
     /// First pair of each tile `[tiles+1]`.
     pub tile_offsets: Buffer<u32>,
-    /// Visible splat of each pair, by tile and depth `[I]`.
-    pub splat_from_isect: Buffer<u32>,
-    /// Slot of each pair: a splat's slots are contiguous `[I]`.
-    pub slot_from_isect: Buffer<u32>,
+    /// Visible splat of each pair, by tile and depth `[I]`; see [`Self::is_packed`].
+    pub(super) splat_from_isect: Buffer<u32>,
+    /// Slot of each pair: a splat's slots are contiguous `[I]`; empty where pairs are packed.
+    pub(super) slot_from_isect: Buffer<u32>,
     /// First slot and end of each visible splat `[V,2]`.
     pub slot_ranges: Buffer<u32>,
     /// All tiles, the active ones first `[tiles]`.
@@ -69,6 +69,7 @@ impl VisibleLists {
         num_active: usize,
     ) -> Result<Self, KernelError> {
         let isects = num_isects + LIST_PADDING;
+        let slots = if is_packed(num_visible, grid) { 0 } else { isects };
         Ok(Self {
             grid,
             num_visible,
@@ -79,10 +80,32 @@ impl VisibleLists {
             splat_from_visible: rec.zeros("lists.splat_from_visible", num_visible)?,
             tile_offsets: rec.zeros("lists.tile_offsets", grid.num_tiles() as usize + 1)?,
             splat_from_isect: rec.zeros("lists.splat_from_isect", isects)?,
-            slot_from_isect: rec.zeros("lists.slot_from_isect", isects)?,
+            slot_from_isect: rec.zeros("lists.slot_from_isect", slots)?,
             slot_ranges: rec.zeros("lists.slot_ranges", 2 * num_visible)?,
             tile_order: rec.zeros("lists.tile_order", grid.num_tiles() as usize)?,
         })
+    }
+
+    /// Whether a word of 32 bits holds a pair: its splat in the lower half, in the upper one the place of its slot
+    /// among those of the splat.
+    #[must_use]
+    pub fn is_packed(&self) -> bool {
+        is_packed(self.num_visible, self.grid)
+    }
+
+    /// Visible splat and slot of each pair, by tile and depth, read back.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn pairs(&self) -> Result<Vec<[u32; 2]>, KernelError> {
+        let words = self.splat_from_isect.read_range(0..self.num_isects)?;
+        if !self.is_packed() {
+            let slots = self.slot_from_isect.read_range(0..self.num_isects)?;
+            return Ok(words.into_iter().zip(slots).map(|(splat, slot)| [splat, slot]).collect());
+        }
+        let ranges = self.slot_ranges.read()?;
+        let pair = |word: u32| [word & 0xffff, ranges[2 * (word & 0xffff) as usize] + (word >> 16)];
+        Ok(words.into_iter().map(pair).collect())
     }
 
     /// Bytes of device memory.
@@ -97,6 +120,13 @@ impl VisibleLists {
             + self.tile_order.len();
         4 * (floats + indices)
     }
+}
+
+/// Whether 16 bits hold every visible splat, and the place of a pair among those of its splat: it has one for each tile
+/// at most.
+fn is_packed(num_visible: usize, grid: TileGrid) -> bool {
+    const VALUES: usize = 1 << 16;
+    num_visible <= VALUES && grid.num_tiles() as usize <= VALUES
 }
 
 /// Working memory that grows with the number of pairs.
@@ -378,10 +408,13 @@ impl TileBinner {
             visible: &scratch.visible,
             kept_isects: &pairs.kept_isects,
             kept_slots: &pairs.kept_slots,
+            slot_ranges: &lists.slot_ranges,
             splat_from_isect: &mut lists.splat_from_isect,
             slot_from_isect: &mut lists.slot_from_isect,
         };
-        rec.dispatch(bind, tile_bin_pairs::Params { num_isects: dim(total) }, Grid::threads(total))?;
+        let params = tile_bin_pairs::Params { num_isects: dim(total) };
+        let spec = tile_bin_pairs::Spec { packed: u32::from(is_packed(lists.num_visible, lists.grid)) };
+        rec.dispatch_spec(bind, params, spec, Grid::threads(total))?;
         let bind = tile_bin_tiles::Bind {
             tile_offsets: &tiles.offsets,
             kept_isects: &pairs.kept_isects,

@@ -28,6 +28,9 @@ pub struct DeviceOptions {
     /// Largest storage binding to use in bytes, where that is less than the device's own limit: for finding out on any
     /// machine what a smaller device would do. Texel buffers, which lanes read large buffers through, keep theirs.
     pub max_storage_bytes: Option<u32>,
+    /// Bytes that the machine is taken to have free for it, where that is not to be asked: for finding out what a
+    /// smaller machine would do.
+    pub free_memory: Option<u64>,
 }
 
 /// An open Vulkan device; cheap to clone.
@@ -89,7 +92,7 @@ impl Device {
         let raw = instance.create_device(physical, &info, queue_family, Uses::Work)?;
         // SAFETY: the family was requested with one queue.
         let queue = unsafe { raw.get_device_queue(queue_family, 0) };
-        let memory = Memory::new(&instance.raw, &raw, physical, info.kind)?;
+        let memory = Memory::new(&instance.raw, &raw, instance.heaps(physical, &info, options.free_memory))?;
         let names = instance.messenger.is_some().then(|| ash::ext::debug_utils::Device::new(&instance.raw, &raw));
         tracing::debug!(device = info.name, driver = info.driver, %family, validated = names.is_some(), "opened");
         let inner = Arc::new(DeviceInner {
@@ -133,10 +136,30 @@ impl Device {
         self.inner.memory().limit(bytes);
     }
 
+    /// Bytes that the driver would still give for buffers that kernels work in; `None` where it does not tell. On a
+    /// processor that is what the machine has left.
+    #[must_use]
+    pub fn free_memory(&self) -> Option<u64> {
+        self.inner.memory().free_bytes()
+    }
+
     /// The limit that was set.
     #[must_use]
     pub fn memory_budget(&self) -> Option<u64> {
         self.inner.memory().budget()
+    }
+
+    /// Has the driver begin with what it remembers of kernels from before, and gives that to `keep` when the device
+    /// goes. Data of another driver is for the driver to refuse, but nothing checks data that is damaged.
+    ///
+    /// # Errors
+    /// When the driver fails.
+    pub fn remember_pipelines(
+        &self,
+        known: &[u8],
+        keep: impl FnOnce(&[u8]) + Send + 'static,
+    ) -> Result<(), KernelError> {
+        self.inner.pipelines.remember(&self.inner.raw, known, Box::new(keep))
     }
 
     /// Whether validation layers watch this device.

@@ -6,6 +6,7 @@ use ash::vk;
 
 use super::cooperation::{self, Cooperation};
 use super::debug;
+use super::heaps::Heaps;
 use super::info::DeviceInfo;
 use super::result::check;
 use super::select::DeviceSelect;
@@ -128,6 +129,11 @@ impl Instance {
         // SAFETY: the physical device belongs to this instance.
         let list = unsafe { self.raw.enumerate_device_extension_properties(device) }.unwrap_or_default();
         list.iter().any(|e| e.extension_name_as_c_str() == Ok(name))
+    }
+
+    pub(super) fn heaps(&self, physical_device: vk::PhysicalDevice, info: &DeviceInfo, supposed: Option<u64>) -> Heaps {
+        let has_budget = self.has_extension(physical_device, ash::ext::memory_budget::NAME);
+        Heaps { instance: self.raw.clone(), physical_device, kind: info.kind, has_budget, supposed }
     }
 
     pub(super) fn compute_family(&self, physical: vk::PhysicalDevice, info: &DeviceInfo) -> Result<u32, KernelError> {

@@ -4,6 +4,7 @@ use ash::vk;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
 use gpu_allocator::{AllocationError, AllocationSizes, AllocatorDebugSettings, MemoryLocation};
 
+use super::heaps::Heaps;
 use super::info::{DeviceKind, MemoryUse};
 use crate::error::KernelError;
 
@@ -18,6 +19,10 @@ const BLOCK_BYTES: std::ops::RangeInclusive<u64> = 4 << 20..=64 << 20;
 const OWN_BYTES: u64 = 4 << 10;
 /// The same on a card, where each allocation is a call into the operating system, and gaps cost less than those.
 const OWN_BYTES_OF_CARD: u64 = 1 << 20;
+
+/// The part of a machine's free memory that a driver on its processor leaves alone, one in so many: models, films and
+/// their coders need some, too.
+const LEFT_TO_MACHINE: u64 = 4;
 
 /// What a buffer is for, which decides where it lives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,6 +70,7 @@ fn mask(types: &[vk::MemoryType], fits: impl Fn(&vk::MemoryType) -> bool) -> u32
 }
 
 pub(super) struct Memory {
+    heaps: Heaps,
     allocator: Allocator,
     /// See [`work_memory`].
     work: Vec<u32>,
@@ -77,17 +83,15 @@ pub(super) struct Memory {
     block_bytes: u64,
     /// Allocations that may be made for single buffers.
     granted: u64,
-    /// Most bytes to take from the driver.
+    /// Most bytes to take from the driver that was asked for.
     budget: Option<u64>,
+    /// The same where nothing was asked for: a processor's driver grants what the machine does not have.
+    room: Option<u64>,
 }
 
 impl Memory {
-    pub(super) fn new(
-        instance: &ash::Instance,
-        device: &ash::Device,
-        physical_device: vk::PhysicalDevice,
-        kind: DeviceKind,
-    ) -> Result<Self, KernelError> {
+    pub(super) fn new(instance: &ash::Instance, device: &ash::Device, heaps: Heaps) -> Result<Self, KernelError> {
+        let Heaps { physical_device, kind, .. } = heaps;
         // SAFETY: the physical device belongs to the instance.
         let (properties, limits) = unsafe {
             let limits = instance.get_physical_device_properties(physical_device).limits;
@@ -113,8 +117,11 @@ impl Memory {
         .map_err(|e| KernelError::Allocation { name: "allocator".into(), bytes: 0, reason: e.to_string() })?;
         let used = MemoryUse::default();
         let least_own_bytes = if kind == DeviceKind::Discrete { OWN_BYTES_OF_CARD } else { OWN_BYTES };
+        let free = heaps.free_bytes(&work).filter(|_| kind == DeviceKind::Cpu || heaps.supposed.is_some());
+        let room = free.map(|bytes| bytes - bytes / LEFT_TO_MACHINE);
+        let (own_bytes, budget) = (0, None);
         let mut memory =
-            Self { allocator, work, used, own_bytes: 0, least_own_bytes, block_bytes, granted, budget: None };
+            Self { heaps, allocator, work, used, own_bytes, least_own_bytes, block_bytes, granted, budget, room };
         memory.expect(largest_heap);
         Ok(memory)
     }
@@ -128,6 +135,11 @@ impl Memory {
     /// Chooses what gets memory of its own so that `bytes` in such buffers are few enough allocations.
     fn expect(&mut self, bytes: u64) {
         self.own_bytes = (bytes / self.granted).clamp(self.least_own_bytes, self.block_bytes);
+    }
+
+    /// Bytes that the driver would still give, if it tells.
+    pub(super) fn free_bytes(&self) -> Option<u64> {
+        self.heaps.free_bytes(&self.work)
     }
 
     pub(super) fn budget(&self) -> Option<u64> {
@@ -153,6 +165,9 @@ impl Memory {
         };
         if let Some(budget) = self.budget.filter(|budget| held.saturating_add(size) > *budget) {
             return Err(self.over_budget(name, size, budget));
+        }
+        if let Some(room) = self.beyond_room(held.saturating_add(size)) {
+            return Err(self.refusal(name, size, &no_room(room)));
         }
         let (location, masks) = match purpose {
             Purpose::Work => (MemoryLocation::GpuOnly, self.work.as_slice()),
@@ -181,11 +196,20 @@ impl Memory {
             self.free(allocation);
             return Err(self.over_budget(name, size, budget));
         }
+        if let Some(room) = self.beyond_room(reserved) {
+            self.free(allocation);
+            return Err(self.refusal(name, size, &no_room(room)));
+        }
         self.used.allocations += 1;
         self.used.peak_bytes = self.used.peak_bytes.max(self.used.live_bytes);
         self.used.reserved_bytes = reserved;
         self.used.peak_reserved_bytes = self.used.peak_reserved_bytes.max(reserved);
         Ok(allocation)
+    }
+
+    /// The room, where nothing was asked for and so many bytes are more than that.
+    fn beyond_room(&self, bytes: u64) -> Option<u64> {
+        self.room.filter(|room| self.budget.is_none() && bytes > *room)
     }
 
     /// Bytes taken from the driver.
@@ -224,4 +248,8 @@ impl Memory {
     pub(super) fn used(&self) -> MemoryUse {
         self.used
     }
+}
+
+fn no_room(room: u64) -> String {
+    format!("beyond {room} bytes, three quarters of what the machine had free when the device was opened")
 }

@@ -6,6 +6,7 @@ mod cooperation;
 mod debug;
 mod device;
 mod family;
+mod heaps;
 mod info;
 mod instance;
 mod memory;

@@ -63,7 +63,9 @@ pub struct KernelDef {
 }
 
 impl KernelDef {
-    fn program(&self, family: KernelFamily) -> Option<&'static [u8]> {
+    /// Its SPIR-V for devices of a family; `None` where they take another kernel.
+    #[must_use]
+    pub fn program(&self, family: KernelFamily) -> Option<&'static [u8]> {
         match family {
             KernelFamily::Lanes => self.lanes,
             KernelFamily::Tiles => self.tiles,
@@ -94,11 +96,34 @@ type Key = (&'static str, Vec<u8>);
 pub(super) struct PipelineCache {
     family: KernelFamily,
     made: Mutex<HashMap<Key, Arc<Pipeline>>>,
+    remembered: Mutex<Option<Remembered>>,
+}
+
+/// Takes what a driver remembers, when the device goes.
+pub(super) type Keep = Box<dyn FnOnce(&[u8]) + Send>;
+
+/// What a driver remembers of pipelines beyond this process.
+struct Remembered {
+    cache: vk::PipelineCache,
+    keep: Keep,
 }
 
 impl PipelineCache {
     pub(super) fn new(family: KernelFamily) -> Self {
-        Self { family, made: Mutex::default() }
+        Self { family, made: Mutex::default(), remembered: Mutex::default() }
+    }
+
+    /// Has the driver begin with what `keep` was given before. What it does not take for its own it leaves aside.
+    pub(super) fn remember(&self, device: &ash::Device, known: &[u8], keep: Keep) -> Result<(), KernelError> {
+        let info = vk::PipelineCacheCreateInfo::default().initial_data(known);
+        // SAFETY: the data outlives the call, and says itself for which device it is.
+        let cache = check("vkCreatePipelineCache", unsafe { device.create_pipeline_cache(&info, None) })?;
+        let mut remembered = self.remembered.lock().expect("no panic happens while the cache is locked");
+        if let Some(before) = remembered.replace(Remembered { cache, keep }) {
+            // SAFETY: whoever makes a pipeline holds the lock.
+            unsafe { device.destroy_pipeline_cache(before.cache, None) };
+        }
+        Ok(())
     }
 
     pub(super) fn get(
@@ -111,20 +136,46 @@ impl PipelineCache {
         if let Some(pipeline) = made.get(&(kernel.name, spec.to_vec())) {
             return Ok(Arc::clone(pipeline));
         }
-        let pipeline = Arc::new(create(device, self.family, kernel, spec, vk::PipelineCreateFlags::empty())?);
+        let remembered = self.remembered.lock().expect("no panic happens while the cache is locked");
+        let cache = remembered.as_ref().map_or(vk::PipelineCache::null(), |remembered| remembered.cache);
+        let (flags, program) = (vk::PipelineCreateFlags::empty(), Program { family: self.family, kernel, spec });
+        let pipeline = Arc::new(create(device, program, flags, cache)?);
         made.insert((kernel.name, spec.to_vec()), Arc::clone(&pipeline));
         Ok(pipeline)
     }
 
-    /// Destroys every pipeline; called once, when the device goes.
+    /// Destroys every pipeline; called once, when the device goes. If some were made, what the driver remembers of them
+    /// is kept.
     pub(super) fn destroy(&self, device: &ash::Device) {
+        let remembered = self.remembered.lock().expect("no panic happens while the cache is locked").take();
         let mut made = self.made.lock().expect("no panic happens while the cache is locked");
         for (_, pipeline) in made.drain() {
             // SAFETY: the device is going down, so no recorder (each holds the device alive) can
             // still use these handles.
             unsafe { pipeline.destroy(device) };
         }
+        if let Some(Remembered { cache, keep }) = remembered {
+            // SAFETY: the cache is of this device, and nobody makes pipelines any more.
+            let data = unsafe {
+                let data = device.get_pipeline_cache_data(cache);
+                device.destroy_pipeline_cache(cache, None);
+                data
+            };
+            match data {
+                Ok(data) => keep(&data),
+                Err(code) => tracing::debug!("the driver does not tell what it remembers of pipelines: {code}"),
+            }
+        }
     }
+}
+
+/// A kernel as it is compiled.
+#[derive(Clone, Copy)]
+pub(super) struct Program<'a> {
+    pub(super) family: KernelFamily,
+    pub(super) kernel: &'static KernelDef,
+    /// Bytes of its specialisation constants; without them they are what the shader says.
+    pub(super) spec: &'a [u8],
 }
 
 impl Pipeline {
@@ -142,14 +193,14 @@ impl Pipeline {
     }
 }
 
-/// Compiles a kernel. Without bytes for them its specialisation constants are what the shader says.
+/// Compiles a kernel, or takes from `cache` what was compiled before.
 pub(super) fn create(
     device: &ash::Device,
-    family: KernelFamily,
-    kernel: &'static KernelDef,
-    spec: &[u8],
+    program: Program<'_>,
     flags: vk::PipelineCreateFlags,
+    cache: vk::PipelineCache,
 ) -> Result<Pipeline, KernelError> {
+    let Program { family, kernel, spec } = program;
     let bindings: Vec<_> = kernel
         .bindings
         .iter()
@@ -191,7 +242,7 @@ pub(super) fn create(
             .name(c"main")
             .specialization_info(&specialization);
         let info = [vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(layout)];
-        let made = device.create_compute_pipelines(vk::PipelineCache::null(), &info, None);
+        let made = device.create_compute_pipelines(cache, &info, None);
         device.destroy_shader_module(module, None);
         let handle = check("vkCreateComputePipelines", made.map_err(|(_, code)| code))?[0];
         Ok(Pipeline { handle, layout, set_layout })

@@ -5,7 +5,7 @@ use ash::{khr, vk};
 use super::family::{FamilySelect, KernelFamily};
 use super::info::DeviceInfo;
 use super::instance::{Instance, Uses};
-use super::pipeline::{self, KernelDef};
+use super::pipeline::{self, KernelDef, Program};
 use super::result::check;
 use super::select::DeviceSelect;
 use crate::error::KernelError;
@@ -58,7 +58,9 @@ fn of_kernel(
     family: KernelFamily,
     kernel: &'static KernelDef,
 ) -> Result<ProgramStatistics, KernelError> {
-    let pipeline = pipeline::create(device, family, kernel, &[], vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR)?;
+    let program = Program { family, kernel, spec: &[] };
+    let flags = vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR;
+    let pipeline = pipeline::create(device, program, flags, vk::PipelineCache::null())?;
     // A compute pipeline is one executable.
     let of = vk::PipelineExecutableInfoKHR::default().pipeline(pipeline.handle).executable_index(0);
     // SAFETY: the extension is enabled, and the pipeline was made to be asked.

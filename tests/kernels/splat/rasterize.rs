@@ -77,7 +77,8 @@ fn twin_gradient_agrees_with_differences() {
 #[test]
 fn gpu_image_and_gradient_follow_the_twin() {
     let Some(gpu) = device() else { return };
-    for (n, width, height) in [(1, 8, 8), (400, 37, 53), (3000, 200, 120), (2000, 65, 7)] {
+    // The last one has more splats than 16 bits can tell apart.
+    for (n, width, height) in [(1, 8, 8), (400, 37, 53), (3000, 200, 120), (2000, 65, 7), (70_000, 96, 64)] {
         let (scene, view) = (scene::random(n, n as u64), scene::view(width, height));
         let splats = scene.project::<f32>(&view);
         let mut random = Random(9);

@@ -16,9 +16,10 @@ pub(crate) fn lists(device: &Device, scene: &Scene, view: &View, prune: Prune) -
 /// Splats of each tile, front to back.
 fn by_tile(lists: &VisibleLists) -> Vec<Vec<usize>> {
     let splats = lists.splat_from_visible.read().expect("read");
-    let isects = lists.splat_from_isect.read().expect("read");
+    let pairs = lists.pairs().expect("read");
     let offsets = lists.tile_offsets.read().expect("read");
-    let ids = |w: &[u32]| isects[w[0] as usize..w[1] as usize].iter().map(|&i| splats[i as usize] as usize).collect();
+    let scene_row = |pair: &[u32; 2]| splats[pair[0] as usize] as usize;
+    let ids = |w: &[u32]| pairs[w[0] as usize..w[1] as usize].iter().map(scene_row).collect();
     offsets.windows(2).map(ids).collect()
 }
 
@@ -86,13 +87,17 @@ fn poisoned_splats_are_dropped_or_drawn_and_change_no_other() {
 #[test]
 fn slots_of_a_splat_are_contiguous_and_each_is_used_once() {
     let Some(gpu) = device() else { return };
-    let lists = lists(&gpu, &scene::random(800, 4), &scene::view(90, 70), Prune::Remove);
+    slots_are_sound(&lists(&gpu, &scene::random(800, 4), &scene::view(90, 70), Prune::Remove), true);
+    // More splats than 16 bits can tell apart.
+    slots_are_sound(&lists(&gpu, &scene::random(70_000, 4), &scene::view(90, 70), Prune::Keep), false);
+}
+
+fn slots_are_sound(lists: &VisibleLists, is_packed: bool) {
+    assert_eq!(lists.is_packed(), is_packed, "{} splats", lists.num_visible);
     let ranges = lists.slot_ranges.read().expect("read");
-    let splat = lists.splat_from_isect.read().expect("read");
-    let slot = lists.slot_from_isect.read().expect("read");
     let mut used = vec![false; lists.num_isects];
-    for i in 0..lists.num_isects {
-        let (s, at) = (splat[i] as usize, slot[i]);
+    for (i, [splat, at]) in lists.pairs().expect("read").into_iter().enumerate() {
+        let s = splat as usize;
         assert!(ranges[2 * s] <= at && at < ranges[2 * s + 1], "pair {i} lies in its splat's range");
         assert!(!std::mem::replace(&mut used[at as usize], true), "slot {at} is used twice");
     }

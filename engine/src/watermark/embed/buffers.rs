@@ -92,8 +92,8 @@ impl TrainingBuffers {
     }
 
     /// What of a view never changes while its colours do.
-    pub(super) fn plan(&mut self, state: &SplatState, camera: &Camera) -> Result<FramePlan, EngineError> {
-        let plan = self.renderer.plan(state, camera, Prune::Remove)?;
+    pub(super) fn plan(&mut self, state: &SplatState, camera: &Camera, prune: Prune) -> Result<FramePlan, EngineError> {
+        let plan = self.renderer.plan(state, camera, prune)?;
         Ok(match self.offsets.bases() {
             OffsetBases::Dc => self.renderer.fix_view(plan)?,
             OffsetBases::All => plan,

@@ -1,10 +1,12 @@
 //! Drawing and making the clips of an embedding.
 
 use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
 
 use glam::DMat3;
 use guard4d_kernels::Device;
 use guard4d_kernels::loss::ssim::{self, SsimReference, SsimScratch};
+use guard4d_kernels::splat::tile_bin::Prune;
 use rand_chacha::ChaCha20Rng;
 
 use super::buffers::TrainingBuffers;
@@ -74,6 +76,17 @@ fn shot(views: &[View], i: usize, turn: Turn) -> Camera {
     }
 }
 
+/// What a clip is made for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ClipUse {
+    /// Steps, which go back through it.
+    Train,
+    /// To be measured again and again.
+    Measure,
+    /// To be looked at a few times: pairs that change no pixel may stay in its lists.
+    Look,
+}
+
 /// Makes clips.
 pub(super) struct ClipBuilder {
     device: Device,
@@ -102,19 +115,23 @@ impl ClipBuilder {
         self.field.limit_cached_times(1)
     }
 
-    /// Plans and renders one clip, for steps to be taken on or, without its moments, for evaluations. Works in buffers
-    /// that are free between steps.
+    /// Plans and renders one clip; only one to train on has moments. Works in buffers that are free between steps.
     pub(super) fn build(
         &mut self,
         shots: &[(Camera, f32)],
         buffers: &mut TrainingBuffers,
-        is_trained_on: bool,
+        used: ClipUse,
     ) -> Result<TrainingClip, EngineError> {
+        let prune = if used == ClipUse::Look { Prune::Keep } else { Prune::Remove };
         let mut plans = Vec::with_capacity(shots.len());
+        let (started, mut deforming) = (Instant::now(), Duration::ZERO);
         for (camera, time) in shots {
+            let moved = Instant::now();
             let state = self.field.at(*time)?;
-            plans.push(Arc::new(buffers.plan(&state, camera)?));
+            deforming += moved.elapsed();
+            plans.push(Arc::new(buffers.plan(&state, camera, prune)?));
         }
+        let planned = started.elapsed();
         let mut clip = TrainingClip {
             plans,
             unmarked: self.device.buffer("clip.unmarked", buffers.num_pixels())?,
@@ -123,12 +140,15 @@ impl ClipBuilder {
         };
         let mut rec = self.device.recorder()?;
         buffers.draw_unmarked(&mut rec, &mut clip)?;
-        if let Some(scratch) = self.similarity.as_mut().filter(|_| is_trained_on) {
+        if let Some(scratch) = self.similarity.as_mut().filter(|_| used == ClipUse::Train) {
             let mut moments = SsimReference::new(&self.device, buffers.frame_size(), shots.len())?;
             ssim::prepare(&mut rec, buffers.unmarked(), &mut moments, scratch)?;
             clip.moments = Some(moments);
         }
         rec.submit()?;
+        let [deform_ms, all_ms] = [deforming, started.elapsed()].map(|time| time.as_millis());
+        let plan_ms = (planned - deforming).as_millis();
+        tracing::debug!(?used, deform_ms, plan_ms, all_ms, bytes = clip.bytes(), "clip made");
         Ok(clip)
     }
 }

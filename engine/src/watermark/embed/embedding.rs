@@ -15,7 +15,7 @@ use super::fidelity_hold::FidelityHold;
 use super::fit::{self, Fitted};
 use super::fit_context::FitContext;
 use super::foretold::{Foretold, TakenOff};
-use super::pool::{ClipPool, is_over_budget};
+use super::pool::{ClipPool, is_out_of_memory};
 use super::progress::Progress;
 use super::repeated::Repetition;
 use super::report::{HeldOutReport, StepReport};
@@ -386,7 +386,7 @@ fn extractor_loss(
         ExtractorLoss::new(device, features, folded_decoder(device, key, weights)?, message, config)
     };
     let kept = clips.with_room_beside_one(|| make(TowerPurpose::InputGradient));
-    let mut loss = if is_over_budget(&kept) {
+    let mut loss = if is_out_of_memory(&kept) {
         tracing::debug!("activations are computed again on the way back");
         clips.with_room(|| make(TowerPurpose::LeanInputGradient))?
     } else {

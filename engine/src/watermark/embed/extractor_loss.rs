@@ -16,7 +16,7 @@ use super::config::{EmbedConfig, JointConfig};
 use super::fidelity_loss::{DISSIMILARITY, FidelityLoss, L1, MSE, NUM_VALUES, OFFSET};
 use super::foretold::TakenOff;
 use super::perception::Perception;
-use super::pool::{ClipPool, is_over_budget};
+use super::pool::{ClipPool, is_out_of_memory};
 use super::repeated::{Constants, Repeated, Repetition};
 use super::report::StepReport;
 use super::scores::share_right;
@@ -205,7 +205,7 @@ impl ExtractorLoss {
         index: usize,
     ) -> Result<Arc<TrainingClip>, EngineError> {
         let clip = pool.get(index, buffers);
-        if is_over_budget(&clip) && self.features.forget_activations() {
+        if is_out_of_memory(&clip) && self.features.forget_activations() {
             self.repeated.forget();
             tracing::debug!("activations are computed again from now on");
             return pool.get(index, buffers);

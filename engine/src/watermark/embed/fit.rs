@@ -206,7 +206,7 @@ fn second_moment(context: &mut FitContext<'_>) -> Result<Matrix3<f64>, EngineErr
     let mut sums = vec![(Matrix3::zeros(), 0.0); pool.sampled().len()];
     for index in pool.at_hand_first(pool.sampled()) {
         let (sum, count) = &mut sums[index];
-        let clip = pool.get(index, buffers)?;
+        let clip = pool.look(index, buffers)?;
         let mut rec = device.recorder()?;
         buffers.clean_control(&mut rec, &clip)?;
         rec.submit()?;
@@ -239,7 +239,7 @@ pub(super) fn content(
     let FitContext { device, pool, buffers, .. } = context;
     let mut found = vec![ClipContent::default(); pool.fitted().len()];
     for index in pool.at_hand_first(pool.fitted()) {
-        let clip = pool.get_once(index, buffers)?;
+        let clip = pool.look(index, buffers)?;
         let mut rec = device.recorder()?;
         buffers.clean_control(&mut rec, &clip)?;
         features.forward(&mut rec, &[buffers.control()])?;
@@ -305,7 +305,7 @@ fn calibration_probes(
         buffers.offsets.write(&random_field(num_splats, bases, calibration.probe_level, &mut rng))?;
         for _ in 0..CLIPS_PER_PROBE {
             let index = uniform_below(&mut rng, clips) as usize;
-            let clip = pool.get_once(index, buffers)?;
+            let clip = pool.look(index, buffers)?;
             let mut rec = device.recorder()?;
             buffers.render(&mut rec, &clip)?;
             features.forward(&mut rec, &[buffers.resized()])?;

@@ -68,7 +68,7 @@ impl Perception {
             return Ok(());
         }
         match self.net.features(&self.pass) {
-            Err(KernelError::OverBudget { .. }) => self.keeps = false,
+            Err(error) if error.is_out_of_memory() => self.keeps = false,
             room => self.room = Some(room?),
         }
         Ok(())

@@ -5,11 +5,11 @@
 
 use std::sync::Arc;
 
-use guard4d_kernels::{Device, KernelError};
+use guard4d_kernels::Device;
 use rand_chacha::rand_core::Rng;
 
 use super::buffers::TrainingBuffers;
-use super::clips::{ClipBuilder, Draws, shots};
+use super::clips::{ClipBuilder, ClipUse, Draws, shots};
 use super::config::EmbedConfig;
 use super::framed_views;
 use super::training_clip::TrainingClip;
@@ -50,7 +50,7 @@ impl Kept {
         Some(self.0.remove(at).1)
     }
 
-    /// Does `work`; as long as it breaks the memory budget and more than `least` clips are there, one goes and it is
+    /// Does `work`; as long as it wants for memory and more than `least` clips are there, one goes and it is
     /// tried again.
     fn with_room<T>(
         &mut self,
@@ -59,7 +59,7 @@ impl Kept {
     ) -> Result<T, EngineError> {
         loop {
             let done = work();
-            if self.0.len() <= least || !is_over_budget(&done) {
+            if self.0.len() <= least || !is_out_of_memory(&done) {
                 return done;
             }
             self.0.remove(0);
@@ -67,9 +67,9 @@ impl Kept {
     }
 }
 
-/// Whether something failed for want of room in the memory budget.
-pub(super) fn is_over_budget<T>(done: &Result<T, EngineError>) -> bool {
-    matches!(done, Err(EngineError::Kernel(KernelError::OverBudget { .. })))
+/// Whether something failed for want of device memory, be it the budget's or the driver's.
+pub(super) fn is_out_of_memory<T>(done: &Result<T, EngineError>) -> bool {
+    matches!(done, Err(EngineError::Kernel(error)) if error.is_out_of_memory())
 }
 
 impl ClipPool {
@@ -167,7 +167,7 @@ impl ClipPool {
         let clip = match self.kept.take(index) {
             Some(clip) => clip,
             None => {
-                let clip = self.make(index, buffers)?;
+                let clip = self.make(index, self.use_of(index), buffers)?;
                 while !self.kept.0.is_empty() && self.bytes() + clip.bytes() > MOST_KEPT_BYTES {
                     self.kept.0.remove(0);
                 }
@@ -178,8 +178,9 @@ impl ClipPool {
         Ok(clip)
     }
 
-    /// The same of one that is not asked for again soon: no other has to go for it but where memory is short.
-    pub(super) fn get_once(
+    /// The same for forward passes alone, of one that is not asked for again soon: no other has to go for it but where
+    /// memory is short.
+    pub(super) fn look(
         &mut self,
         index: usize,
         buffers: &mut TrainingBuffers,
@@ -187,19 +188,32 @@ impl ClipPool {
         if self.kept.0.iter().any(|(kept, _)| *kept == index) {
             return self.get(index, buffers);
         }
-        let clip = self.make(index, buffers)?;
-        if self.bytes() + clip.bytes() <= MOST_KEPT_BYTES {
+        // As large as the others are.
+        let expected = self.bytes() / self.kept.0.len().max(1) as u64;
+        let is_kept = self.bytes() + expected <= MOST_KEPT_BYTES;
+        let clip = self.make(index, if is_kept { self.use_of(index) } else { ClipUse::Look }, buffers)?;
+        if is_kept && self.bytes() + clip.bytes() <= MOST_KEPT_BYTES {
             self.kept.0.push((index, Arc::clone(&clip)));
         }
         Ok(clip)
     }
 
-    fn make(&mut self, index: usize, buffers: &mut TrainingBuffers) -> Result<Arc<TrainingClip>, EngineError> {
-        let Self { shots, num_training, builder, kept, .. } = self;
-        let (shots, is_trained_on) = (&shots[index], index < *num_training);
-        let mut build = |builder: &mut ClipBuilder| kept.with_room(0, || builder.build(shots, buffers, is_trained_on));
+    /// What a clip is made for that stays.
+    fn use_of(&self, index: usize) -> ClipUse {
+        if index < self.num_training { ClipUse::Train } else { ClipUse::Measure }
+    }
+
+    fn make(
+        &mut self,
+        index: usize,
+        used: ClipUse,
+        buffers: &mut TrainingBuffers,
+    ) -> Result<Arc<TrainingClip>, EngineError> {
+        let Self { shots, builder, kept, .. } = self;
+        let shots = &shots[index];
+        let mut build = |builder: &mut ClipBuilder| kept.with_room(0, || builder.build(shots, buffers, used));
         let mut built = build(builder);
-        if is_over_budget(&built) && builder.save_memory() {
+        if is_out_of_memory(&built) && builder.save_memory() {
             built = build(builder);
         }
         self.made += 1;

@@ -20,7 +20,7 @@ use guard4d_kernels::KernelError;
 use guard4d_kernels::vk::MemoryUse;
 
 use crate::support::close::{assert_close, largest};
-use crate::support::gpu::{Gpu, device, own_device, staged_device};
+use crate::support::gpu::{Gpu, device, device_with_free, own_device, staged_device};
 use crate::support::owner::{BITS, Owner};
 use crate::support::random_lpips;
 
@@ -467,12 +467,15 @@ fn settings_name_the_steps_between_controls() {
 
 /// An embedding on a device of its own that takes at most `budget`, with the most that was taken.
 fn within(budget: Option<u64>, config: &EmbedConfig) -> Option<(Embedded, MemoryUse)> {
-    let gpu = own_device()?;
-    let owner = Owner::new(&gpu);
+    embed_on(&own_device()?, budget, config)
+}
+
+fn embed_on(gpu: &Gpu, budget: Option<u64>, config: &EmbedConfig) -> Option<(Embedded, MemoryUse)> {
+    let owner = Owner::new(gpu);
     if let Some(budget) = budget {
         gpu.limit_memory(budget);
     }
-    let (_, embedded) = train(Embedding::prepare(owner.subject(&gpu), config.clone()).expect("prepares"));
+    let (_, embedded) = train(Embedding::prepare(owner.subject(gpu), config.clone()).expect("prepares"));
     Some((embedded, gpu.memory_use()))
 }
 
@@ -506,6 +509,11 @@ fn a_memory_budget_costs_time_and_changes_no_result() {
         assert!(bits(&free) == bits(&tight), "the same mark to the bit");
         assert_eq!(free.extractor, tight.extractor, "and the same extractor");
     }
+    // Nobody set a budget, and the machine has little left: three quarters of this are the larger one.
+    let Some(small) = device_with_free(budgets[0] / 3 * 4 + 4) else { return };
+    let Some((tight, used)) = embed_on(&small, None, &config) else { return };
+    assert!(tight.clips_made > 6 && used.peak_reserved_bytes <= budgets[0] + 3, "{used:?}");
+    assert_eq!(free.extractor, tight.extractor, "the run goes on, to the same");
 }
 
 #[test]
