@@ -30,8 +30,26 @@ impl SceneRenderer {
         motion: &Motion,
         background: [f32; 3],
     ) -> Result<Self, EngineError> {
-        let field = DeformField::new(device, gaussians, motion)?;
+        Self::of_field(device, DeformField::new(device, gaussians, motion)?, background)
+    }
+
+    /// Of a scene that is uploaded.
+    ///
+    /// # Errors
+    /// When device memory runs out.
+    pub fn of_field(device: &Device, field: DeformField, background: [f32; 3]) -> Result<Self, EngineError> {
         Ok(Self { device: device.clone(), field, renderer: Renderer::new(device)?, background })
+    }
+
+    /// Keeps fewer moments of the scene from now on; whether that can be.
+    pub fn save_memory(&mut self) -> bool {
+        self.field.save_memory()
+    }
+
+    /// The scene, with the moments that were rendered last.
+    #[must_use]
+    pub fn into_field(self) -> DeformField {
+        self.field
     }
 
     /// Renders every frame of every clip in order and hands it on: number of the clip, camera, pixels

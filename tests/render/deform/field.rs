@@ -99,6 +99,27 @@ fn moments_are_cached_and_the_oldest_goes_first() {
 }
 
 #[test]
+fn moments_are_kept_as_far_as_bytes_go_and_fewer_when_memory_is_short() {
+    let Some(gpu) = device() else { return };
+    let model = Model::open(&golden::model("dnerf_like")).expect("the model opens");
+    let mut field = field(&gpu, &model).with_cached_times(1);
+    field.at(0.5).expect("deforms");
+    let one = field.cached_bytes();
+    assert!(one > 0 && field.num_cached() == 1, "{one} bytes");
+    let mut field = field.with_cached_bytes(2, 4 * one);
+    let all = |field: &mut DeformField| (0..6).for_each(|i| _ = field.at(i as f32 / 8.0).expect("deforms"));
+    all(&mut field);
+    assert_eq!((field.num_cached(), field.cached_bytes()), (4, 4 * one), "four of six");
+    assert!(field.save_memory(), "from four to two");
+    all(&mut field);
+    assert_eq!(field.num_cached(), 2);
+    assert!(field.save_memory() && !field.save_memory(), "from two to one, and no further");
+    all(&mut field);
+    assert_eq!(field.num_cached(), 1);
+    assert!(field.forget_times() && !field.forget_times(), "nothing is left to forget");
+}
+
+#[test]
 fn a_static_or_empty_scene_is_the_same_at_any_time() {
     let Some(gpu) = device() else { return };
     let folder = golden::model("dnerf_like");

@@ -33,7 +33,16 @@ pub struct DeformField {
     mover: Option<Mover>,
     /// Least recently used first.
     cached: Vec<(u32, Arc<SplatState>)>,
-    max_cached: usize,
+    kept: KeptTimes,
+}
+
+/// Which moments are kept.
+#[derive(Clone, Copy, Debug)]
+struct KeptTimes {
+    /// As many in any case.
+    least: usize,
+    /// And more, as long as all of them hold so many bytes.
+    bytes: usize,
 }
 
 impl DeformField {
@@ -52,27 +61,63 @@ impl DeformField {
             Motion::Paths(paths) => Some(Mover::Paths(PathField::new(device, paths)?)),
             Motion::Sequence(moments) => Some(Mover::Sequence(Sequence::new(gaussians, moments))),
         };
-        let max_cached = DEFAULT_CACHED_TIMES;
-        Ok(Self { device: device.clone(), canonical, mover, cached: Vec::new(), max_cached })
+        let kept = KeptTimes { least: DEFAULT_CACHED_TIMES, bytes: 0 };
+        Ok(Self { device: device.clone(), canonical, mover, cached: Vec::new(), kept })
     }
 
     /// Keeps at most `times` moments, at least one; the least recently used goes first.
     #[must_use]
-    pub fn with_cached_times(mut self, times: usize) -> Self {
-        self.limit_cached_times(times);
+    pub fn with_cached_times(self, times: usize) -> Self {
+        self.with_cached_bytes(times, 0)
+    }
+
+    /// Keeps `least` moments, at least one, and more as long as all of them hold at most so many bytes.
+    #[must_use]
+    pub fn with_cached_bytes(mut self, least: usize, bytes: usize) -> Self {
+        self.kept = KeptTimes { least: least.max(1), bytes };
+        self.drop_beyond();
         self
     }
 
-    /// The same for a field in use: what is more than that goes. Whether fewer can be kept than before.
-    pub fn limit_cached_times(&mut self, times: usize) -> bool {
-        let times = times.max(1);
-        self.cached.drain(..self.cached.len().saturating_sub(times));
-        std::mem::replace(&mut self.max_cached, times) > times
+    /// Keeps no more than the least number of moments from now on, or if it does so already, one; whether that may be
+    /// fewer than before.
+    pub fn save_memory(&mut self) -> bool {
+        let KeptTimes { least, bytes } = self.kept;
+        self.kept = KeptTimes { least: if bytes > 0 { least } else { 1 }, bytes: 0 };
+        self.drop_beyond();
+        bytes > 0 || least > 1
     }
 
-    /// Drops all moments that are kept.
-    pub fn forget_times(&mut self) {
+    /// Drops all moments that are kept; whether there were some.
+    pub fn forget_times(&mut self) -> bool {
+        let had_some = !self.cached.is_empty();
         self.cached.clear();
+        had_some
+    }
+
+    /// How many moments are kept.
+    #[must_use]
+    pub fn num_cached(&self) -> usize {
+        self.cached.len()
+    }
+
+    /// Device bytes of the moments that are kept.
+    #[must_use]
+    pub fn cached_bytes(&self) -> usize {
+        let moved = self.cached.iter().filter(|(_, state)| !Arc::ptr_eq(state, &self.canonical));
+        moved.map(|(_, state)| self.own_bytes(state)).sum()
+    }
+
+    fn drop_beyond(&mut self) {
+        while self.cached.len() > self.kept.least && self.cached_bytes() > self.kept.bytes {
+            self.cached.remove(0);
+        }
+    }
+
+    /// Device bytes of a moment beside the coefficients that all of them share.
+    fn own_bytes(&self, state: &SplatState) -> usize {
+        let sh = if Arc::ptr_eq(state.sh_coeffs(), self.sh_coeffs()) { 0 } else { state.sh_coeffs().len() };
+        state.geometry_bytes() + size_of::<f32>() * sh
     }
 
     /// Number of splats.
@@ -102,13 +147,7 @@ impl DeformField {
     /// Device bytes of the canonical splats and all cached moments; shared coefficients count once.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        let shared = self.sh_coeffs();
-        let own = |state: &SplatState| {
-            let sh = if Arc::ptr_eq(state.sh_coeffs(), shared) { 0 } else { state.sh_coeffs().len() };
-            state.geometry_bytes() + size_of::<f32>() * sh
-        };
-        let cached = self.cached.iter().filter(|(_, s)| !Arc::ptr_eq(s, &self.canonical));
-        size_of::<f32>() * shared.len() + own(&self.canonical) + cached.map(|(_, s)| own(s)).sum::<usize>()
+        size_of::<f32>() * self.sh_coeffs().len() + self.own_bytes(&self.canonical) + self.cached_bytes()
     }
 
     /// The splats at `time` in \[0, 1\]; computed on the first request and cached.
@@ -123,7 +162,8 @@ impl DeformField {
         let state = match self.cached.iter().position(|(k, _)| *k == key) {
             Some(found) => self.cached.remove(found).1,
             None => {
-                if self.cached.len() >= self.max_cached {
+                // Room for it comes first where no more than the least may be kept.
+                if self.kept.bytes == 0 && self.cached.len() >= self.kept.least {
                     self.cached.remove(0);
                 }
                 Arc::new(match mover {
@@ -135,6 +175,7 @@ impl DeformField {
             }
         };
         self.cached.push((key, Arc::clone(&state)));
+        self.drop_beyond();
         Ok(state)
     }
 

@@ -19,8 +19,17 @@ use crate::render::deform::DeformField;
 use crate::scene::{Camera, LookAt, Model, View};
 use crate::watermark::extractor::weights::CLIP_FRAMES;
 
+/// Most device bytes of a moving asset's moments that are kept beyond those of one clip. To move the splats of a frame
+/// takes three times as long as to plan it (robot), and clips share their moments.
+const MOST_MOMENTS_BYTES: usize = 512 << 20;
 /// Clips that share their times.
 const CLIPS_PER_TIMES: usize = 16;
+
+/// The scene, of which moments are kept that frames have in common.
+pub(super) fn field(device: &Device, model: &Model) -> Result<DeformField, EngineError> {
+    let field = DeformField::new(device, &model.gaussians, &model.motion)?;
+    Ok(field.with_cached_bytes(CLIP_FRAMES, MOST_MOMENTS_BYTES))
+}
 
 /// How many cameras, and the seed that they are drawn with.
 #[derive(Clone, Copy)]
@@ -96,23 +105,34 @@ pub(super) struct ClipBuilder {
 }
 
 impl ClipBuilder {
-    pub(super) fn new(device: &Device, model: &Model, config: &EmbedConfig) -> Result<Self, EngineError> {
-        let field = DeformField::new(device, &model.gaussians, &model.motion)?;
+    /// Makes clips of the scene in `field`.
+    pub(super) fn new(device: &Device, field: DeformField, config: &EmbedConfig) -> Result<Self, EngineError> {
         let similarity = match config.objective.uses_ssim() {
             true => Some(SsimScratch::new(device, config.views.frame_size(), 1)?),
             false => None,
         };
-        Ok(Self { device: device.clone(), field: field.with_cached_times(CLIP_FRAMES), similarity })
+        Ok(Self { device: device.clone(), field, similarity })
     }
 
-    /// Gives back the memory of what clips with the same times have in common.
-    pub(super) fn forget_times(&mut self) {
-        self.field.forget_times();
+    /// Gives back the memory of what clips with the same times have in common; whether that was some.
+    pub(super) fn forget_times(&mut self) -> bool {
+        self.field.forget_times()
+    }
+
+    /// Device bytes of what clips with the same times have in common, if that are so many times.
+    pub(super) fn bytes_of_times(&self, times: usize) -> u64 {
+        let one = self.field.cached_bytes() / self.field.num_cached().max(1);
+        (one * times.min(CLIP_FRAMES.max(MOST_MOMENTS_BYTES / one.max(1)))) as u64
+    }
+
+    /// Device bytes of the same now.
+    pub(super) fn times_bytes(&self) -> u64 {
+        self.field.cached_bytes() as u64
     }
 
     /// Works from now on in as little memory as can be; whether that is less than before.
     pub(super) fn save_memory(&mut self) -> bool {
-        self.field.limit_cached_times(1)
+        self.field.save_memory()
     }
 
     /// Plans and renders one clip; only one to train on has moments. Works in buffers that are free between steps.

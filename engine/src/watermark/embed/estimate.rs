@@ -65,7 +65,7 @@ impl Estimate {
         let few = config.clone().with_rotations(1).with_probes(subject.key.bits());
         let few = few.with(|few| few.extractor.joint_mut().into_iter().for_each(|joint| joint.tmsd_held = 0.0));
         let mut pool = ClipPool::draw(device, subject.model, &subject.key.prf(), &few)?;
-        let clips = pool.len();
+        let (clips, moments) = (pool.len(), pool.num_moments());
         pool.thin_out(SAMPLED_CLIPS);
         let sampled = pool.len();
         let mut embedding = Embedding::prepare_on(subject, few.clone(), Start::Fit, pool)?;
@@ -85,7 +85,8 @@ impl Estimate {
         let (used, kept) = (device.memory_use(), embedding.clips.bytes());
         let clip_bytes = kept / embedding.clips.in_memory().max(1) as u64;
         // Other buffers of this device, such as CLIP's weights, are part of it.
-        let resident_bytes = used.peak_reserved_bytes - kept - embedding.clips.features_bytes();
+        let passing = kept + embedding.clips.features_bytes() + embedding.clips.moments_bytes();
+        let resident_bytes = used.peak_reserved_bytes - passing + embedding.clips.bytes_of_moments(moments);
         let most_kept = clips.min(usize::try_from(MOST_KEPT_BYTES / clip_bytes.max(1)).unwrap_or(usize::MAX).max(1));
         let mut all = resident_bytes + clip_bytes * most_kept as u64;
         // Only what all clips have room for beside them.

@@ -2,15 +2,13 @@
 
 use std::sync::Arc;
 
-use guard4d_kernels::Device;
-
 use super::config::{EmbedConfig, FramingChoice};
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::media::Frame;
 use crate::picture::known_views::{KnownViews, MOST_VIEWS};
 use crate::render::SceneRenderer;
-use crate::scene::{Camera, FrameSize, Model};
+use crate::scene::{Camera, FrameSize};
 
 /// Longer side of the frames that thumbnails are made of, at most. Of 160 px, thin legs and soft edges are another
 /// share of an asset, and films of 400 px were cut 6 % too small (fox).
@@ -28,8 +26,7 @@ const STANDS_OUT: f64 = 0.9;
 /// framing; but a mark is made of what all views answer alike, and moved ones answer alike to little: 67 instead of
 /// 93 % of 32 bits (robot, one key, 600 steps at 200 px).
 pub(super) fn frame(
-    device: &Device,
-    model: &Model,
+    renderer: &mut SceneRenderer,
     config: &EmbedConfig,
     shots: &[Vec<(Camera, f32)>],
 ) -> Result<Option<Arc<KnownViews>>, EngineError> {
@@ -37,9 +34,8 @@ pub(super) fn frame(
         return Ok(None);
     }
     let all: Vec<(Camera, f32)> = shots.iter().flatten().copied().collect();
-    let mut renderer = SceneRenderer::new(device, &model.gaussians, &model.motion, model.background)?;
     for times in SHOWN {
-        let (views, stands_out) = look(&mut renderer, config, &all, times)?;
+        let (views, stands_out) = look(renderer, config, &all, times)?;
         let suits = stands_out >= STANDS_OUT || config.views.framing == FramingChoice::Known;
         tracing::debug!(stands_out, times, "share of training views in which the asset stands out");
         if suits && !views.is_empty() {

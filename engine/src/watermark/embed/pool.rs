@@ -3,13 +3,14 @@
 //! A clip is constant, so that one that had to go is the same to the bit when it is made again: a budget costs time and
 //! changes no result.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use guard4d_kernels::Device;
 use rand_chacha::rand_core::Rng;
 
 use super::buffers::TrainingBuffers;
-use super::clips::{ClipBuilder, ClipUse, Draws, shots};
+use super::clips::{ClipBuilder, ClipUse, Draws, field, shots};
 use super::config::EmbedConfig;
 use super::framed_views;
 use super::training_clip::TrainingClip;
@@ -17,6 +18,7 @@ use crate::base::prf::{Prf, Purpose};
 use crate::error::EngineError;
 use crate::networks::lpips::LpipsFeatures;
 use crate::picture::known_views::KnownViews;
+use crate::render::SceneRenderer;
 use crate::scene::{Camera, Model};
 
 /// Most clips that an extractor is fitted to.
@@ -24,7 +26,7 @@ pub(super) const FITTED: usize = 360;
 /// Most clips of these that are looked at for colours, copies and the zero.
 const SAMPLED: usize = 144;
 /// Most device bytes of the clips that are in memory at one time, unless a single one is larger.
-pub(super) const MOST_KEPT_BYTES: u64 = 4 << 30;
+pub(super) const MOST_KEPT_BYTES: u64 = 5 << 28;
 
 /// All clips of an embedding by number: first those that steps are taken on, then those that none is taken on.
 pub(super) struct ClipPool {
@@ -50,8 +52,8 @@ impl Kept {
         Some(self.0.remove(at).1)
     }
 
-    /// Does `work`; as long as it wants for memory and more than `least` clips are there, one goes and it is
-    /// tried again.
+    /// Does `work`; as long as it wants for memory and more than `least` clips are there, one goes and it is tried
+    /// again.
     fn with_room<T>(
         &mut self,
         least: usize,
@@ -85,8 +87,13 @@ impl ClipPool {
             let draws = Draws { clips: config.held_out_clips(), seed: rng.next_u64() };
             drawn.extend(shots(config, model, draws, true, &mut rng)?);
         }
-        let known_views = framed_views::frame(device, model, config, &drawn[..num_training])?;
-        let builder = ClipBuilder::new(device, model, config)?;
+        let mut renderer = SceneRenderer::of_field(device, field(device, model)?, model.background)?;
+        let mut framed = framed_views::frame(&mut renderer, config, &drawn[..num_training]);
+        while is_out_of_memory(&framed) && renderer.save_memory() {
+            framed = framed_views::frame(&mut renderer, config, &drawn[..num_training]);
+        }
+        let known_views = framed?;
+        let builder = ClipBuilder::new(device, renderer.into_field(), config)?;
         let in_use = (config.in_phase(0).views.clips as usize).min(num_training);
         Ok(Self { shots: drawn, num_training, in_use, known_views, builder, kept: Kept::default(), made: 0 })
     }
@@ -135,6 +142,21 @@ impl ClipPool {
         self.kept.0.iter().map(|(_, clip)| clip.bytes()).sum()
     }
 
+    /// Device bytes of the asset's moments that are in memory.
+    pub(super) fn moments_bytes(&self) -> u64 {
+        self.builder.times_bytes()
+    }
+
+    /// Device bytes of as many, or of as many as are kept.
+    pub(super) fn bytes_of_moments(&self, moments: usize) -> u64 {
+        self.builder.bytes_of_times(moments)
+    }
+
+    /// Moments that the clips show.
+    pub(super) fn num_moments(&self) -> usize {
+        self.shots.iter().flatten().map(|(_, time)| time.to_bits()).collect::<HashSet<u32>>().len()
+    }
+
     /// Device bytes of what LPIPS's network sees in them.
     pub(super) fn features_bytes(&self) -> u64 {
         self.kept.0.iter().filter_map(|(_, clip)| clip.features.get()).map(LpipsFeatures::bytes).sum()
@@ -153,7 +175,6 @@ impl ClipPool {
                 break;
             }
         }
-        self.builder.forget_times();
         tracing::debug!(kept = self.kept.0.len(), of = self.shots.len(), "clips planned");
         Ok(())
     }
@@ -213,7 +234,7 @@ impl ClipPool {
         let shots = &shots[index];
         let mut build = |builder: &mut ClipBuilder| kept.with_room(0, || builder.build(shots, buffers, used));
         let mut built = build(builder);
-        if is_out_of_memory(&built) && builder.save_memory() {
+        while is_out_of_memory(&built) && builder.save_memory() {
             built = build(builder);
         }
         self.made += 1;
@@ -222,8 +243,7 @@ impl ClipPool {
 
     /// Does work that takes memory to stay; clips make room for it, and what they have in common.
     pub(super) fn with_room<T>(&mut self, work: impl FnMut() -> Result<T, EngineError>) -> Result<T, EngineError> {
-        self.builder.forget_times();
-        self.kept.with_room(0, work)
+        self.with_room_beside(0, work)
     }
 
     /// The same, but one clip stays: without it no step can be taken.
@@ -231,8 +251,17 @@ impl ClipPool {
         &mut self,
         work: impl FnMut() -> Result<T, EngineError>,
     ) -> Result<T, EngineError> {
-        self.builder.forget_times();
-        self.kept.with_room(1, work)
+        self.with_room_beside(1, work)
+    }
+
+    /// What clips have in common goes last: it is small, and all of them would have to be moved anew.
+    fn with_room_beside<T>(
+        &mut self,
+        least: usize,
+        mut work: impl FnMut() -> Result<T, EngineError>,
+    ) -> Result<T, EngineError> {
+        let done = self.kept.with_room(least, &mut work);
+        if is_out_of_memory(&done) && self.builder.forget_times() { work() } else { done }
     }
 
     /// Numbers of the clips that steps are taken on.
