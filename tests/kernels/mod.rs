@@ -8,6 +8,7 @@ mod loss;
 mod memory;
 mod nn;
 mod optim;
+mod pipeline;
 mod probe;
 mod scan;
 mod section;
