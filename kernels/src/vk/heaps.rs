@@ -30,7 +30,9 @@ impl Heaps {
             let memory = RefreshKind::nothing().with_memory(MemoryRefreshKind::nothing().with_ram());
             let system = System::new_with_specifics(memory).ok()?;
             let free = system.available_memory();
-            return Some(system.cgroup_limits().map_or(free, |group| group.free_memory.min(free)));
+            // Of a control group only what cannot be dropped counts as taken: its files in memory can.
+            let group = system.cgroup_limits().map(|group| group.total_memory.saturating_sub(group.rss));
+            return Some(group.map_or(free, |left| left.min(free)));
         }
         if !self.has_budget {
             return None;
