@@ -20,7 +20,7 @@ type Opened = (PathBuf, Vec<Digest>);
 /// Held by a program that runs commands one after the other, as `farm run` does.
 #[derive(Default)]
 pub(crate) struct Session {
-    device: Mutex<Option<Device>>,
+    device: Held<(), Device>,
     /// By what the command line said.
     clip: Held<String, Arc<ClipModel>>,
     /// By its file, and hashes of what it came of. Rows of one key stand beside each other.
@@ -32,18 +32,12 @@ pub(crate) struct Session {
 impl Session {
     /// The device, opened when it is first asked for.
     pub(crate) fn device(&self, open: impl FnOnce() -> Result<Device, EngineError>) -> Result<Device, EngineError> {
-        let mut held = self.device.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(device) = &*held {
-            return Ok(device.clone());
-        }
-        let device = open()?;
-        *held = Some(device.clone());
-        Ok(device)
+        self.device.get((), open)
     }
 
     /// The device, if it is open.
     pub(crate) fn open_device(&self) -> Option<Device> {
-        self.device.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.device.held()
     }
 
     /// The checkpoint of that name, loaded when it is first asked for; the one before is forgotten.
@@ -74,7 +68,7 @@ impl Session {
     pub(crate) fn forget_device(&self) {
         self.clip.forget();
         self.verify_cache.forget();
-        *self.device.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        self.device.forget();
     }
 
     /// Takes what a command would print.

@@ -24,6 +24,12 @@ impl<N: PartialEq, T: Clone> Held<N, T> {
         Ok(loaded)
     }
 
+    /// What is held, under whatever name.
+    pub fn held(&self) -> Option<T> {
+        let held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        held.as_ref().map(|(_, known)| known.clone())
+    }
+
     /// Holds nothing any more.
     pub fn forget(&self) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;

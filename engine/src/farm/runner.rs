@@ -260,12 +260,14 @@ impl<'a> Worker<'a> {
                     summary.count(row, looked);
                 }
                 Considered::Refused(looked) => summary.count(row, looked),
-                Considered::Ready(row) => begun.push(*row),
-            }
-            let most = if is_light { AT_ONCE } else { self.at_once(&row.job) };
-            if begun.len() >= most {
-                self.look_ahead(left[nth + 1..].iter().take(most));
-                self.attempt(std::mem::take(&mut begun), summary)?;
+                Considered::Ready(ready) => {
+                    begun.push(*ready);
+                    let most = if is_light { AT_ONCE } else { self.at_once(&row.job) };
+                    if begun.len() >= most {
+                        self.look_ahead(left[nth + 1..].iter().take(most));
+                        self.attempt(std::mem::take(&mut begun), summary)?;
+                    }
+                }
             }
         }
         self.attempt(begun, summary)?;
