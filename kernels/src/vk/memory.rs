@@ -163,11 +163,8 @@ impl Memory {
         } else {
             (self.used.live_bytes, AllocationScheme::GpuAllocatorManaged)
         };
-        if let Some(budget) = self.budget.filter(|budget| held.saturating_add(size) > *budget) {
-            return Err(self.over_budget(name, size, budget));
-        }
-        if let Some(room) = self.beyond_room(held.saturating_add(size)) {
-            return Err(self.refusal(name, size, &no_room(room)));
+        if self.is_beyond(held.saturating_add(size)) {
+            return Err(self.beyond(name, size));
         }
         let (location, masks) = match purpose {
             Purpose::Work => (MemoryLocation::GpuOnly, self.work.as_slice()),
@@ -192,13 +189,9 @@ impl Memory {
     fn account(&mut self, name: &str, allocation: Allocation) -> Result<Allocation, KernelError> {
         let (size, reserved) = (allocation.size(), self.reserved());
         self.used.live_bytes += size;
-        if let Some(budget) = self.budget.filter(|budget| reserved > *budget) {
+        if self.is_beyond(reserved) {
             self.free(allocation);
-            return Err(self.over_budget(name, size, budget));
-        }
-        if let Some(room) = self.beyond_room(reserved) {
-            self.free(allocation);
-            return Err(self.refusal(name, size, &no_room(room)));
+            return Err(self.beyond(name, size));
         }
         self.used.allocations += 1;
         self.used.peak_bytes = self.used.peak_bytes.max(self.used.live_bytes);
@@ -207,9 +200,9 @@ impl Memory {
         Ok(allocation)
     }
 
-    /// The room, where nothing was asked for and so many bytes are more than that.
-    fn beyond_room(&self, bytes: u64) -> Option<u64> {
-        self.room.filter(|room| self.budget.is_none() && bytes > *room)
+    /// Whether so many bytes are more than may be taken: than was asked for, or else than there is room for.
+    fn is_beyond(&self, bytes: u64) -> bool {
+        self.budget.or(self.room).is_some_and(|most| bytes > most)
     }
 
     /// Bytes taken from the driver.
@@ -217,7 +210,13 @@ impl Memory {
         self.allocator.capacity()
     }
 
-    fn over_budget(&self, name: &str, bytes: u64, budget: u64) -> KernelError {
+    /// The error for a buffer that would take more than that.
+    fn beyond(&self, name: &str, bytes: u64) -> KernelError {
+        let Some(budget) = self.budget else {
+            let room = self.room.unwrap_or_default();
+            let whose = "three quarters of what the machine had free when the device was opened";
+            return self.refusal(name, bytes, &format!("beyond {room} bytes, {whose}"));
+        };
         let MemoryUse { live_bytes, reserved_bytes, .. } = self.used;
         KernelError::OverBudget { name: name.to_owned(), bytes, budget, live_bytes, reserved_bytes }
     }
@@ -248,8 +247,4 @@ impl Memory {
     pub(super) fn used(&self) -> MemoryUse {
         self.used
     }
-}
-
-fn no_room(room: u64) -> String {
-    format!("beyond {room} bytes, three quarters of what the machine had free when the device was opened")
 }
