@@ -6,6 +6,7 @@ Nothing of guard4d needs this file or Python; it is here because the peers are P
 import argparse
 import csv
 import datetime
+import importlib
 import importlib.util
 import json
 import math
@@ -24,12 +25,14 @@ import time
 # Threads that wait for work must not count as CPU time; read when torch is imported.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-import ncnn  # noqa: E402
 import numpy as np  # noqa: E402
 import torch  # noqa: E402
 from torch import nn  # noqa: E402
 from torch.nn import functional  # noqa: E402
 from torch.utils import cpp_extension  # noqa: E402
+
+# A machine without a network may lack it.
+ncnn = importlib.import_module("ncnn") if importlib.util.find_spec("ncnn") else None
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 # Of each row at least this many samples, and more where they are short.
@@ -396,7 +399,8 @@ as long.
 
 def markdown(rows, args, device):
     """The table that people read."""
-    versions = f"torch {torch.__version__} ({torch.get_num_threads()} threads), ncnn {ncnn.__version__}"
+    versions = f"torch {torch.__version__} ({torch.get_num_threads()} threads)"
+    versions += f", ncnn {ncnn.__version__}" if ncnn else "; no ncnn here"
     head = [c.replace("_", " ") for c in COLUMNS]
     out = [
         "# Peers beside guard4d, one run on one machine\n",
@@ -436,6 +440,7 @@ def results(device):
 def main():
     parser = argparse.ArgumentParser(prog="./x peers", description=__doc__)
     parser.add_argument("--out", type=pathlib.Path, help="folder for the tables [default: benches/results/DATE-DEVICE]")
+    parser.add_argument("--benches", type=pathlib.Path, help="guard4d's benchmarks as `./x gpu --build` packed them")
     args = parser.parse_args()
     args.load = " ".join(f"{v:.2f}" for v in os.getloadavg()[:2])
     head = ["git", "-C", ROOT, "rev-parse", "HEAD"]
@@ -448,15 +453,16 @@ def main():
     if torch.cuda.is_available():
         rows += torch_rows("cuda", [("f32", torch.float32), ("f16", torch.float16), ("bf16", torch.bfloat16)])
     with tempfile.TemporaryDirectory() as folder:
-        subprocess.run([ROOT / "x", "bench", *args.filters, "--out", folder, "--scenes", folder], check=True)
+        program = [args.benches, "--bench"] if args.benches else [ROOT / "x", "bench"]
+        subprocess.run([*program, *args.filters, "--out", folder, "--scenes", folder], check=True)
         rows += guard4d_rows(pathlib.Path(folder, "results.csv"))
         device = device_name(pathlib.Path(folder))
         missing = gsplat_missing()
         rows += [] if missing else gsplat_rows(pathlib.Path(folder))
-    if ncnn.get_gpu_count():
+    if ncnn and ncnn.get_gpu_count():
         rows += ncnn_rows()
     else:
-        print("ncnn finds no Vulkan device: no rows of it", file=sys.stderr)
+        print("no ncnn, or no Vulkan device that it finds: no rows of it", file=sys.stderr)
     rows = compare(rows)
     args.gsplat = f"gsplat: not measured, because {missing}" if missing else "; ".join(splat_verdicts(rows))
     print(args.gsplat)

@@ -10,6 +10,8 @@ const MAX_SHARED_BYTES: u32 = 16 << 10;
 const MAX_INVOCATIONS: u32 = 128;
 /// Workgroup memory that the kernels over cooperative matrices may need, which the host asks of a device.
 pub(crate) const MAX_COOP_SHARED_BYTES: u32 = 32 << 10;
+/// Bytes whose multiple the place of a cooperative load is.
+const COOP_ALIGNMENT: u32 = 16;
 
 /// Scalar type shared by host and shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,8 +69,8 @@ pub(crate) struct Reflected {
     pub kernel: Kernel,
     /// Capabilities it declares.
     capabilities: Vec<Capability>,
-    /// Bytes of its workgroup memory with the defaults of its specialisation constants.
-    shared_bytes: u32,
+    /// Bytes of each variable in its workgroup memory with the defaults of its specialisation constants.
+    shared_bytes: Vec<u32>,
 }
 
 struct Reflection<'m> {
@@ -84,13 +86,13 @@ pub(crate) fn module(name: &str, words: &[u32]) -> Result<Reflected, String> {
     let r = Reflection::new(&module);
     let mut bindings = Vec::new();
     let mut params = Vec::new();
-    let mut shared_bytes = 0;
+    let mut shared_bytes = Vec::new();
     for variable in module.types_global_values.iter().filter(|i| i.class.opcode == Op::Variable) {
         match variable.operands.first() {
             Some(Operand::StorageClass(StorageClass::StorageBuffer)) => bindings.push(r.storage(variable)?),
             Some(Operand::StorageClass(StorageClass::UniformConstant)) => bindings.push(r.texel(variable)?),
             Some(Operand::StorageClass(StorageClass::PushConstant)) => params = r.push_constants(variable)?,
-            Some(Operand::StorageClass(StorageClass::Workgroup)) => shared_bytes += r.bytes(r.pointee(variable)?)?,
+            Some(Operand::StorageClass(StorageClass::Workgroup)) => shared_bytes.push(r.bytes(r.pointee(variable)?)?),
             _ => {}
         }
     }
@@ -125,7 +127,7 @@ pub(crate) fn check_tiles(tiles: &Reflected) -> Result<(), String> {
 }
 
 /// Checks that a kernel over cooperative matrices needs no more than `Instance::cooperation` in
-/// `kernels/src/vk/cooperation.rs` asks of a device.
+/// `kernels/src/vk/cooperation.rs` asks of a device, and that its matrices lie where they may be loaded.
 pub(crate) fn check_coop(coop: &Reflected) -> Result<(), String> {
     let granted = [
         Capability::Shader,
@@ -134,7 +136,16 @@ pub(crate) fn check_coop(coop: &Reflected) -> Result<(), String> {
         Capability::VulkanMemoryModel,
         Capability::CooperativeMatrixKHR,
     ];
-    check_needs(coop, &granted, MAX_COOP_SHARED_BYTES)
+    check_needs(coop, &granted, MAX_COOP_SHARED_BYTES)?;
+    // Rows of 16-bit floats must begin at a multiple of 16 bytes (SPV_KHR_cooperative_matrix), but an array of f16vec4
+    // only asks for 8: on NVIDIA 580 all that stood behind a single `uint` was read wrongly.
+    match coop.shared_bytes.iter().find(|bytes| !bytes.is_multiple_of(COOP_ALIGNMENT)) {
+        Some(bytes) => Err(format!(
+            "a shared variable of {bytes} bytes, no multiple of {COOP_ALIGNMENT}, moves what is behind it to where \
+             cooperative loads may not begin"
+        )),
+        None => Ok(()),
+    }
 }
 
 /// Checks what a module asks of a device.
@@ -142,8 +153,8 @@ fn check_needs(module: &Reflected, granted: &[Capability], max_shared_bytes: u32
     if let Some(foreign) = module.capabilities.iter().find(|c| !granted.contains(c)) {
         return Err(format!("the kernel needs the capability {foreign:?}"));
     }
-    if module.shared_bytes > max_shared_bytes {
-        let bytes = module.shared_bytes;
+    let bytes: u32 = module.shared_bytes.iter().sum();
+    if bytes > max_shared_bytes {
         return Err(format!("the kernel takes {bytes} bytes of workgroup memory, more than {max_shared_bytes}"));
     }
     let invocations: u32 = module.kernel.local_size.iter().product();

@@ -23,8 +23,9 @@ const TOLERANCE: f32 = 1e-2;
 
 /// Runs attention forward and backward in both precisions on a small layer, and compares.
 ///
-/// Drivers differ in what they make of cooperative matrices: NVIDIA 580 on an H100 gave gradients that had nothing to
-/// do with these (26 November 2026), where Mesa 26 gives the right ones. It takes milliseconds, once for each tower.
+/// Drivers differ in what they make of cooperative matrices: kernels that were right on Mesa 26 gave gradients that had
+/// nothing to do with these on NVIDIA 580, because a shared variable moved the matrices beside it to where they may not
+/// be loaded from (the build refuses such kernels since). It takes milliseconds, once for each tower.
 ///
 /// # Errors
 /// [`KernelError::Unsuitable`] where the two disagree, and on a device without cooperative matrices.
