@@ -2,7 +2,8 @@
 
 use crate::error::KernelError;
 use crate::registry::scan::{
-    prefix_sum_apply, prefix_sum_apply_tile, prefix_sum_partial, prefix_sum_partial_tile, prefix_sum_spine,
+    prefix_sum_apply, prefix_sum_apply_tile, prefix_sum_partial, prefix_sum_partial_tile, prefix_sum_single,
+    prefix_sum_spine,
 };
 use crate::shape::{dim, require_len};
 use crate::vk::{Buffer, Device, Grid, KernelFamily, Recorder};
@@ -11,6 +12,8 @@ use crate::vk::{Buffer, Device, Grid, KernelFamily, Recorder};
 const GROUP: usize = 8;
 /// Elements that one lane sums at least, so that starting it pays.
 const MIN_CHUNK: usize = 1024;
+/// Most elements for which one workgroup of lanes is faster than three passes.
+const MAX_SINGLE: usize = 16384;
 /// Lanes at most, which the spine walks one after another; of the tile kernels, workgroups.
 const MAX_LANES: usize = 512;
 /// Texels that a workgroup of the tile kernels sums at once.
@@ -55,10 +58,15 @@ pub fn exclusive(
 }
 
 fn by_lanes(rec: &mut Recorder, data: &mut Buffer<u32>, n: usize, scratch: &mut Scratch) -> Result<(), KernelError> {
+    if n <= MAX_SINGLE {
+        let params = prefix_sum_single::Params { n: dim(n), chunk: dim((n / 4 + 1).div_ceil(GROUP)) };
+        let before = data.alias();
+        return rec.dispatch(prefix_sum_single::Bind { before: &before, data }, params, Grid::groups(1, 1, 1));
+    }
     let lanes = n.div_ceil(MIN_CHUNK).clamp(GROUP, MAX_LANES).next_multiple_of(GROUP);
     let chunk = (n / 4 + 1).div_ceil(lanes);
     let grid = Grid::threads(lanes);
-    let bind = prefix_sum_partial::Bind { data, sums: &mut scratch.sums };
+    let bind = prefix_sum_partial::Bind { before: data, sums: &mut scratch.sums };
     rec.dispatch(bind, prefix_sum_partial::Params { n: dim(n), chunk: dim(chunk) }, grid)?;
     let before = scratch.sums.alias();
     let bind = prefix_sum_spine::Bind { before: &before, sums: &mut scratch.sums };
@@ -72,9 +80,13 @@ fn by_tiles(rec: &mut Recorder, data: &mut Buffer<u32>, n: usize, scratch: &mut 
     let blocks = (n / 4 + 1).div_ceil(BLOCK_TEXELS);
     let chunk_blocks = blocks.div_ceil(MAX_LANES);
     let chunk = dim(chunk_blocks * BLOCK_TEXELS);
-    let grid = Grid::groups(dim(blocks.div_ceil(chunk_blocks)), 1, 1);
-    let bind = prefix_sum_partial_tile::Bind { data, sums: &mut scratch.sums };
-    rec.dispatch(bind, prefix_sum_partial_tile::Params { n: dim(n), chunk }, grid)?;
+    let groups = blocks.div_ceil(chunk_blocks);
+    let grid = Grid::groups(dim(groups), 1, 1);
+    // Before the only workgroup there is nothing to sum.
+    if groups > 1 {
+        let bind = prefix_sum_partial_tile::Bind { data, sums: &mut scratch.sums };
+        rec.dispatch(bind, prefix_sum_partial_tile::Params { n: dim(n), chunk }, grid)?;
+    }
     let bind = prefix_sum_apply_tile::Bind { sums: &scratch.sums, data };
     rec.dispatch(bind, prefix_sum_apply_tile::Params { n: dim(n), chunk }, grid)
 }

@@ -12,7 +12,10 @@ fn gpu_equals_the_twin_at_any_length() {
     let Some(gpu) = device() else { return };
     let mut scratch = Scratch::new(&gpu, "sum").expect("scratch");
     // Around the texel, lane, chunk and block sizes; the last ones give every lane and every workgroup several chunks.
-    for n in [1usize, 2, 3, 4, 5, 7, 8, 31, 1023, 1024, 1025, 2047, 2048, 8191, 9000, 600_001, 2_500_003] {
+    for n in [
+        1usize, 2, 3, 4, 5, 7, 8, 31, 1023, 1024, 1025, 2046, 2047, 2048, 8191, 9000, 16_384, 16_385, 600_001,
+        2_500_003,
+    ] {
         let mut random = Random(n as u64);
         let data: Vec<u32> = (0..n).map(|_| random.below(1000) as u32).collect();
         let mut padded = data.clone();

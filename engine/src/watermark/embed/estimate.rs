@@ -67,7 +67,7 @@ impl Estimate {
         let mut pool = ClipPool::draw(device, subject.model, &subject.key.prf(), &few)?;
         let (clips, moments) = (pool.len(), pool.num_moments());
         pool.thin_out(SAMPLED_CLIPS);
-        let sampled = pool.len();
+        let (sampled, sampled_moments) = (pool.len(), pool.num_moments());
         let mut embedding = Embedding::prepare_on(subject, few.clone(), Start::Fit, pool)?;
         // Steps with a control or with LPIPS take longer than those without: a whole number of rounds is timed.
         let round = config.round();
@@ -96,7 +96,7 @@ impl Estimate {
         let room = budget.map_or(u64::MAX, |bytes| bytes.saturating_sub(resident_bytes));
         let in_memory = usize::try_from(room / clip_bytes.max(1)).unwrap_or(usize::MAX).clamp(1, most_kept);
         let missed = 1.0 - in_memory as f64 / most_kept as f64;
-        let per_clip = embedding.seconds["plan"] / sampled as f64;
+        let plans = embedding.plan_times(sampled_moments, moments)?;
         let passes = |config: &EmbedConfig, clips: usize| {
             let zero = PASSES_PER_ZERO * clips.min(ZERO_CLIPS);
             (PASSES_PER_CLIP * clips + PASSES_PER_PROBE * config.extractor.probes() + zero) as f64
@@ -120,7 +120,7 @@ impl Estimate {
             peak_memory_bytes: budget.map_or(all, |bytes| all.min(bytes)),
             budget_bytes: budget,
             clips_in_memory: in_memory,
-            plan_seconds: per_clip * (clips as f64 + beyond * per_beyond + missed * asked),
+            plan_seconds: plans.per_clip * (clips as f64 + beyond * per_beyond + missed * asked) + plans.for_moments,
             fit_seconds: embedding.seconds["fit"] * fitted / passes(&few, embedding.clips.fitted().len())
                 + step_seconds * config.try_out_steps() as f64,
             train_seconds: step_seconds * config.optimiser.steps as f64 + measuring * measured as f64,
@@ -128,7 +128,30 @@ impl Estimate {
     }
 }
 
+/// Seconds that clips take to make. They share moments, which are moved once, where all can be kept.
+struct PlanTimes {
+    /// For a clip, and for its moments where they are not kept.
+    per_clip: f64,
+    /// For all moments that are kept.
+    for_moments: f64,
+}
+
 impl Embedding<'_> {
+    /// From the sample, which shows so many moments, to all clips, which show `moments`.
+    fn plan_times(&mut self, sampled_moments: usize, moments: usize) -> Result<PlanTimes, EngineError> {
+        let (first, made) = (self.seconds["plan"], self.clips.made());
+        self.clips.forget_clips();
+        let started = Instant::now();
+        self.clips.fill(&mut self.buffers)?;
+        let again = started.elapsed().as_secs_f64() / (self.clips.made() - made).max(1) as f64;
+        let per_moment = (first - again * made as f64).max(0.0) / sampled_moments as f64;
+        let bytes = |moments| self.clips.bytes_of_moments(moments);
+        if bytes(moments) < moments as u64 * bytes(1) {
+            return Ok(PlanTimes { per_clip: first / made.max(1) as f64, for_moments: 0.0 });
+        }
+        Ok(PlanTimes { per_clip: again, for_moments: per_moment * moments as f64 })
+    }
+
     /// Device bytes of what LPIPS keeps of all clips that its comparisons by these settings come to.
     fn kept_by_lpips(&self, config: &EmbedConfig) -> u64 {
         let (Some(perception), Some(term)) = (self.loss.perception(), config.objective.trained_lpips()) else {
