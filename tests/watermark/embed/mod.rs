@@ -3,4 +3,5 @@
 mod checkpoint;
 mod clips;
 mod embedding;
+mod pool;
 mod visibility;

@@ -9,7 +9,7 @@ use super::config::EmbedConfig;
 use super::draw::{draw, window};
 use super::embedding::Embedding;
 use super::fit::{CLIPS_PER_PROBE, ZERO_CLIPS};
-use super::pool::{ClipPool, FITTED, MOST_KEPT_BYTES};
+use super::pool::{ClipPool, FITTED};
 use super::subject::{Start, Subject};
 use crate::error::EngineError;
 
@@ -87,7 +87,8 @@ impl Estimate {
         // Other buffers of this device, such as CLIP's weights, are part of it.
         let passing = kept + embedding.clips.features_bytes() + embedding.clips.moments_bytes();
         let resident_bytes = used.peak_reserved_bytes - passing + embedding.clips.bytes_of_moments(moments);
-        let most_kept = clips.min(usize::try_from(MOST_KEPT_BYTES / clip_bytes.max(1)).unwrap_or(usize::MAX).max(1));
+        let room = embedding.clips.most_bytes() / clip_bytes.max(1);
+        let most_kept = clips.min(usize::try_from(room).unwrap_or(usize::MAX).max(1));
         let mut all = resident_bytes + clip_bytes * most_kept as u64;
         // Only what all clips have room for beside them.
         if most_kept == clips && budget.is_none_or(|bytes| all <= bytes) {

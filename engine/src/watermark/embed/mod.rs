@@ -39,6 +39,7 @@ pub use config::{
 };
 pub use embedding::Embedding;
 pub use estimate::Estimate;
+pub use pool::most_kept_bytes;
 pub use refit::refit;
 pub use repeated::Repetition;
 pub use report::{HeldOutEvaluation, HeldOutReport, PhaseReport, StepReport, StopReason};

@@ -15,6 +15,7 @@ use super::config::EmbedConfig;
 use super::framed_views;
 use super::training_clip::TrainingClip;
 use crate::base::prf::{Prf, Purpose};
+use crate::device::DeviceKind;
 use crate::error::EngineError;
 use crate::networks::lpips::LpipsFeatures;
 use crate::picture::known_views::KnownViews;
@@ -25,8 +26,24 @@ use crate::scene::{Camera, Model};
 pub(super) const FITTED: usize = 360;
 /// Most clips of these that are looked at for colours, copies and the zero.
 const SAMPLED: usize = 144;
-/// Most device bytes of the clips that are in memory at one time, unless a single one is larger.
-pub(super) const MOST_KEPT_BYTES: u64 = 5 << 28;
+/// Most device bytes of clips where nobody asked for more: on a processor, whose memory others want, too.
+const USUAL_KEPT_BYTES: u64 = 5 << 28;
+/// The part of a card's free memory that clips may take, one in so many: two embeddings may share the card.
+const SHARE_OF_CARD: u64 = 4;
+
+/// Most device bytes of the clips that are in memory at one time, unless a single one is larger. The others are made
+/// again when their turn comes, so that this decides about time and about nothing else.
+///
+/// A `budget` in bytes that was asked for is all theirs, as far as other buffers leave it. Without one it is 1.25 GiB,
+/// and on a card a quarter of the `free` bytes where that is more.
+#[must_use]
+pub fn most_kept_bytes(kind: DeviceKind, budget: Option<u64>, free: Option<u64>) -> u64 {
+    match (budget, kind, free) {
+        (Some(bytes), ..) => bytes,
+        (None, DeviceKind::Discrete, Some(free)) => USUAL_KEPT_BYTES.max(free / SHARE_OF_CARD),
+        _ => USUAL_KEPT_BYTES,
+    }
+}
 
 /// All clips of an embedding by number: first those that steps are taken on, then those that none is taken on.
 pub(super) struct ClipPool {
@@ -39,6 +56,8 @@ pub(super) struct ClipPool {
     known_views: Option<Arc<KnownViews>>,
     builder: ClipBuilder,
     kept: Kept,
+    /// See [`most_kept_bytes`].
+    most_bytes: u64,
     made: usize,
 }
 
@@ -95,7 +114,9 @@ impl ClipPool {
         let known_views = framed?;
         let builder = ClipBuilder::new(device, renderer.into_field(), config)?;
         let in_use = (config.in_phase(0).views.clips as usize).min(num_training);
-        Ok(Self { shots: drawn, num_training, in_use, known_views, builder, kept: Kept::default(), made: 0 })
+        let most_bytes = most_kept_bytes(device.info().kind, device.memory_budget(), device.free_memory());
+        let kept = Kept::default();
+        Ok(Self { shots: drawn, num_training, in_use, known_views, builder, kept, most_bytes, made: 0 })
     }
 
     /// What films are framed by, if they are.
@@ -140,6 +161,11 @@ impl ClipPool {
     /// Device bytes of the clips that are in memory.
     pub(super) fn bytes(&self) -> u64 {
         self.kept.0.iter().map(|(_, clip)| clip.bytes()).sum()
+    }
+
+    /// Most device bytes of the clips that are in memory at one time.
+    pub(super) fn most_bytes(&self) -> u64 {
+        self.most_bytes
     }
 
     /// Device bytes of the asset's moments that are in memory.
@@ -189,7 +215,7 @@ impl ClipPool {
             Some(clip) => clip,
             None => {
                 let clip = self.make(index, self.use_of(index), buffers)?;
-                while !self.kept.0.is_empty() && self.bytes() + clip.bytes() > MOST_KEPT_BYTES {
+                while !self.kept.0.is_empty() && self.bytes() + clip.bytes() > self.most_bytes {
                     self.kept.0.remove(0);
                 }
                 clip
@@ -211,9 +237,9 @@ impl ClipPool {
         }
         // As large as the others are.
         let expected = self.bytes() / self.kept.0.len().max(1) as u64;
-        let is_kept = self.bytes() + expected <= MOST_KEPT_BYTES;
+        let is_kept = self.bytes() + expected <= self.most_bytes;
         let clip = self.make(index, if is_kept { self.use_of(index) } else { ClipUse::Look }, buffers)?;
-        if is_kept && self.bytes() + clip.bytes() <= MOST_KEPT_BYTES {
+        if is_kept && self.bytes() + clip.bytes() <= self.most_bytes {
             self.kept.0.push((index, Arc::clone(&clip)));
         }
         Ok(clip)
