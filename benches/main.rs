@@ -101,6 +101,7 @@ fn run(args: &Args) -> Result<Vec<&'static str>, EngineError> {
         kernels::loss::measure,
         kernels::optim::measure,
         kernels::scan::measure,
+        kernels::code::measure,
         kernels::splat::measure,
         pipeline::embed::measure,
     ] {

@@ -15,6 +15,7 @@ mod detect;
 mod docs;
 mod evidence;
 mod farm;
+mod fingerprint;
 mod kernels;
 mod lab;
 mod media;

@@ -1,5 +1,6 @@
 //! Rows of the kernels, a file for each folder of `glsl/`.
 
+pub(crate) mod code;
 pub(crate) mod image;
 pub(crate) mod loss;
 pub(crate) mod nn;

@@ -1,7 +1,7 @@
 //! Scenes, rendering, CLIP, marks and evidence of guard4d.
 //!
 //! The rooms stand in one order, and each imports only those before it: `error`, `device`, `base`, `scene`, `media`,
-//! `render`, `networks`, `picture`, `evidence`, `watermark`, `release`, `detect`, `farm`.
+//! `render`, `networks`, `picture`, `evidence`, `watermark`, `fingerprint`, `release`, `detect`, `farm`.
 #![forbid(unsafe_code)]
 
 pub mod base;
@@ -10,6 +10,7 @@ pub mod device;
 pub mod error;
 pub mod evidence;
 pub mod farm;
+pub mod fingerprint;
 pub mod media;
 pub mod networks;
 pub mod picture;

@@ -1,5 +1,6 @@
 //! Vulkan compute kernels of guard4d: GLSL sources compiled at build time, typed host wrappers, CPU twins.
 
+pub mod code;
 pub mod error;
 pub mod image;
 pub mod loss;

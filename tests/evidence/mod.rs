@@ -4,4 +4,5 @@ mod id_code;
 mod judgement;
 mod message;
 mod per_bit;
+mod score_tail;
 mod statistics;

@@ -1,6 +1,7 @@
 //! Kernel tests, one file per op, in the folders of `glsl/`.
 
 mod bindings;
+mod code;
 mod cooperation;
 mod device_loss;
 mod image;

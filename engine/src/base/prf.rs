@@ -119,6 +119,10 @@ pub enum Purpose {
     OtherKeys,
     /// Message of the second copy in a message swap.
     SwapMessage,
+    /// Biases of the fingerprint's code.
+    CodeBiases,
+    /// Secrets of single copies, which their chips follow from.
+    CopyChips,
     /// Scenes that a pretrained extractor is made from.
     Scenes,
     /// Secret that a key's token table and decoder follow from.
@@ -152,6 +156,8 @@ impl Purpose {
             Self::ControlNoise => "control-noise",
             Self::OtherKeys => "other-keys",
             Self::SwapMessage => "swap-message",
+            Self::CodeBiases => "code-biases",
+            Self::CopyChips => "copy-chips",
             Self::Scenes => "scenes",
             Self::ReaderSecret => "reader-secret",
             Self::AssetSecret => "asset-secret",

@@ -12,5 +12,6 @@ pub mod payload;
 pub mod per_bit;
 pub mod reading;
 pub mod reason;
+pub mod score_tail;
 pub mod statistics;
 pub mod thresholds;

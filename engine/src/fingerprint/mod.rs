@@ -1,0 +1,5 @@
+//! The fingerprint: a word of signs for each recipient's copy, which tells copies of one asset apart.
+//!
+//! Nothing here knows the owner's mark (`watermark`).
+
+pub mod code;

@@ -1,0 +1,3 @@
+//! Twins of `code`.
+
+pub mod copy_score;

@@ -1,0 +1,3 @@
+//! The fingerprint.
+
+mod code;

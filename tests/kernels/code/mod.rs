@@ -1,0 +1,3 @@
+//! Tests of `code`.
+
+mod copy_score;
