@@ -1,3 +1,4 @@
 //! The fingerprint.
 
 mod code;
+mod film;

@@ -2,4 +2,8 @@
 //!
 //! Nothing here knows the owner's mark (`watermark`).
 
+pub mod chips;
 pub mod code;
+pub mod film;
+pub mod issue;
+pub mod trace;

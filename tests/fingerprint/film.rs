@@ -1,0 +1,135 @@
+//! Copies of the built-in scene are stamped, filmed from where nobody trained anything, and told apart.
+
+use std::f64::consts::PI;
+use std::path::Path;
+
+use guard4d_engine::base::prf::{MasterSecret, Prf};
+use guard4d_engine::error::EngineError;
+use guard4d_engine::fingerprint::film::{Shot, SplatEvidence, gather};
+use guard4d_engine::fingerprint::issue::Issue;
+use guard4d_engine::fingerprint::trace::{Scored, best_copies};
+use guard4d_engine::media::codec::Codec;
+use guard4d_engine::media::encode::{EncodeOptions, write_video};
+use guard4d_engine::media::{Frame, ReadOptions, read_clip};
+use guard4d_engine::picture::metrics::{Picture, PsnrSummary, SquaredError};
+use guard4d_engine::render::SceneRenderer;
+use guard4d_engine::scene::camera::paths::{Lens, Orbit};
+use guard4d_engine::scene::demo::DemoScene;
+use guard4d_engine::scene::{Camera, FrameSize, LookAt, Model};
+
+use crate::support::gpu::{Gpu, device};
+use crate::support::has_ffmpeg;
+
+/// Copies that are looked at: a family bound of 1e-6 wants 1e-11 of one.
+const COPIES: u64 = 100_000;
+const LEAKED: u64 = 70_123;
+
+fn prf(seed: u8) -> Prf {
+    Prf::new(&MasterSecret::from_bytes([seed; 32]))
+}
+
+/// Views and times of their own: a circle at 70 degrees above the horizon, 1.3 times as far away as a usual one.
+fn shots_from_above(frames: u32) -> Vec<(Camera, f32)> {
+    let look_at = LookAt { target: glam::DVec3::new(0.1, 0.0, 0.2), radius: 5.2, up: glam::DVec3::Z };
+    let lens = Lens { fov_x_rad: 39.6 * PI / 180.0, size: FrameSize::new(240, 240).expect("a size") };
+    let orbit = Orbit { views: frames, elevation_deg: 70.0, look_at, lens };
+    let cameras = orbit.cameras().expect("an orbit");
+    let times = (0..frames).map(|i| (i as f32 + 0.37) / frames as f32);
+    cameras.views.iter().map(|view| view.camera).zip(times).collect()
+}
+
+/// 8-bit frames of the model with these coefficients.
+fn film(gpu: &Gpu, model: &Model, sh_coeffs: Vec<f32>, shots: &[(Camera, f32)]) -> Vec<Frame> {
+    let mut gaussians = model.gaussians.clone();
+    gaussians.sh_coeffs = sh_coeffs;
+    let mut renderer = SceneRenderer::new(gpu, &gaussians, &model.motion, model.background).expect("a renderer");
+    let mut frames = Vec::new();
+    let each = |_: usize, camera: &Camera, pixels: &[f32]| {
+        frames.push(Frame::from_rgba32f(camera.width, camera.height, pixels)?);
+        Ok(())
+    };
+    renderer.render_clips(&[shots.to_vec()], each).expect("films");
+    frames
+}
+
+fn through_h264(path: &Path, frames: &[Frame]) -> Vec<Frame> {
+    let options = EncodeOptions { codec: Some(Codec::H264), ..EncodeOptions::default() };
+    write_video(path, frames, &options).expect("encodes");
+    read_clip(path, &ReadOptions::default()).expect("decodes").frames().to_vec()
+}
+
+fn evidence(gpu: &Gpu, model: &Model, frames: &[Frame], shots: &[(Camera, f32)]) -> SplatEvidence {
+    let shots: Vec<Shot<'_>> =
+        frames.iter().zip(shots).map(|(frame, &(camera, time))| Shot { frame, camera, time }).collect();
+    gather(gpu, model, &shots).expect("gathers")
+}
+
+fn best(gpu: &Gpu, issue: &Issue<'_>, splats: &SplatEvidence) -> Vec<Scored> {
+    let found = issue.evidence(splats).expect("of each splat");
+    best_copies(gpu, issue, &found, COPIES).expect("scores")
+}
+
+#[test]
+fn a_film_from_above_names_its_copy_and_no_other() {
+    let Some(gpu) = device() else { return };
+    let scene = DemoScene::unpack().expect("the scene unpacks");
+    let model = Model::open(scene.path()).expect("the scene opens");
+    let issue = Issue::new(&model, prf(11));
+    let shots = shots_from_above(8);
+    let stamped = issue.stamp(LEAKED);
+    let frames = film(&gpu, &model, stamped.clone(), &shots);
+    let clean = film(&gpu, &model, model.gaussians.sh_coeffs.clone(), &shots);
+
+    // It is not seen.
+    let error = |(a, b): (&Frame, &Frame)| {
+        SquaredError::between(&Picture::from_frame(a), &Picture::from_frame(b)).expect("of one size")
+    };
+    let errors: Vec<SquaredError> = frames.iter().zip(&clean).map(error).collect();
+    let psnr = PsnrSummary::of(&errors).expect("there are frames").pooled_db.0;
+    assert!(psnr > 46.0, "{psnr} dB");
+
+    let of_film = best(&gpu, &issue, &evidence(&gpu, &model, &frames, &shots));
+    eprintln!("psnr {psnr:.2}; pictures {:?}", of_film.first());
+    assert_eq!(of_film[0].copy, LEAKED);
+    assert!(of_film[0].log_p_family < 1e-6f64.ln(), "{:?}", of_film[0]);
+    assert!(of_film[1..].iter().all(|other| other.log_p_family > 1e-3f64.ln()), "{of_film:?}");
+    // Nobody is named by the original's film, nor by that of another issue's copy.
+    let foreign = film(&gpu, &model, Issue::new(&model, prf(12)).stamp(LEAKED), &shots);
+    for (what, frames) in [("unmarked", &clean), ("of another issue", &foreign)] {
+        let best = best(&gpu, &issue, &evidence(&gpu, &model, frames, &shots));
+        assert!(best.iter().all(|copy| copy.log_p_family > 1e-3f64.ln()), "{what}: {best:?}");
+    }
+    if !has_ffmpeg() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    let coded = through_h264(&folder.path().join("film.mp4"), &frames);
+    let of_film = best(&gpu, &issue, &evidence(&gpu, &model, &coded, &shots));
+    assert_eq!(of_film[0].copy, LEAKED);
+    assert!(of_film[0].log_p_family < 1e-6f64.ln(), "{:?}", of_film[0]);
+}
+
+#[test]
+fn stamps_move_base_colours_alone_and_less_where_there_is_no_room() {
+    let scene = DemoScene::unpack().expect("the scene unpacks");
+    let model = Model::open(scene.path()).expect("the scene opens");
+    let issue = Issue::new(&model, prf(13));
+    let (one, two) = (issue.stamp(1), issue.stamp(2));
+    assert_ne!(one, two);
+    assert_eq!(one, issue.stamp(1), "the same copy again");
+    let rows = model.gaussians.sh_coeffs.chunks_exact(48).zip(one.chunks_exact(48));
+    let mut moved = 0;
+    for (before, after) in rows {
+        assert_eq!(before[3..], after[3..], "what turns with the view stays");
+        let by: [f32; 3] = std::array::from_fn(|channel| after[channel] - before[channel]);
+        // Up to rounding of numbers of about 1.
+        assert!(by.iter().all(|b| (b - by[0]).abs() < 1e-6), "grey: {by:?}");
+        // All three octaves at their largest: 2.29 times 0.026 of a colour, in units of Y0.
+        assert!(by[0].abs() < 2.29 * 0.026 / 0.2820, "{by:?}");
+        moved += usize::from(by[0] != 0.0);
+    }
+    assert!(moved > model.gaussians.len() / 2, "{moved} splats are moved");
+    let wrong = SplatEvidence { residual: vec![0.0; 3], response: vec![0.0; 3] };
+    let refused = issue.evidence(&wrong);
+    assert!(matches!(refused, Err(EngineError::Usage { .. })), "{refused:?}");
+}
