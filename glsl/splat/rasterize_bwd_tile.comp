@@ -6,10 +6,9 @@
 //        v_image [..,H,W,4] = dL/d(image), 4th channel unread, from pixel `in_offset` on
 //   out  v_slots [I,4] = sum over the tile's pixels of weight * v_image (=), at the pair's slot
 //   eq   v_colour = sum_p alpha_p T_p v_image_p; geometry and opacity are constants
-//   By batches of 32 splats: first an invocation is a pixel and leaves its weights of all splats in shared memory, then
-//     it is
-//   a splat and half of the tile's pixels and adds them up. No atomics, so the order of every sum is fixed. 11 KiB
-//     shared.
+//   By batches of 16 splats: first an invocation is a pixel and leaves its weights of all splats in shared memory, then
+//     it is a splat and a quarter of the tile's pixels and adds them up. No atomics, so the order of every sum is
+//     fixed. 6.5 KiB shared: of batches of 32, which take 10.5, a GPU holds too few to hide its waiting.
 //   every pair takes all pixels of its tile, with weight 0 where it is skipped: a v_image that is not finite makes
 //     those NaN
 #extension GL_EXT_control_flow_attributes : require
@@ -29,14 +28,15 @@ layout(set = 0, binding = 7) readonly buffer SlotRanges { uint slot_ranges[]; };
 layout(set = 0, binding = 5) buffer VSlots { vec4 v_slots[]; };
 
 const uint PIXELS = 64u;
-const uint BATCH = 32u;
+const uint BATCH = 16u;
+const uint PARTS = PIXELS / BATCH;
 // One more than the pixels, so that the weights of neighbouring splats fall into different banks.
 const uint WEIGHT_STRIDE = PIXELS + 1u;
 shared vec4 batch_shape[BATCH];
 shared vec2 batch_rest[BATCH];
 shared float weights[BATCH * WEIGHT_STRIDE];
 shared vec4 v_pixel[PIXELS];
-shared vec4 upper_half[BATCH];
+shared vec4 sum_of_part[PIXELS];
 
 void main() {
     uint id = gl_LocalInvocationID.x;
@@ -47,11 +47,11 @@ void main() {
     uint at = tile_offsets[tile], end = tile_offsets[tile + 1u];
     v_pixel[id] = inside ? vec4(v_image[p.in_offset + y * p.width + x].rgb, 0.0) : vec4(0.0);
     uint splat_of_batch = id % BATCH;
-    uint half_of_tile = id / BATCH;
+    uint part = id / BATCH;
     float t = 1.0;
     do {
         bool valid = at + splat_of_batch < end;
-        if (half_of_tile == 0u) {
+        if (part == 0u) {
             uint splat = valid ? isect_splat(splat_from_isect[at + id]) : 0u;
             batch_shape[id] = valid ? geom[2u * splat] : vec4(0.0);
             vec4 rest = geom[2u * splat + 1u];
@@ -71,22 +71,25 @@ void main() {
         } while (j < BATCH);
         barrier();
         vec4 sum = vec4(0.0);
-        uint first = half_of_tile * BATCH;
+        uint first = part * (PIXELS / PARTS);
         uint pixel = 0u;
         do {
             [[unroll]] for (uint u = 0u; u < 8u; ++u) {
                 sum += weights[splat_of_batch * WEIGHT_STRIDE + first + pixel + u] * v_pixel[first + pixel + u];
             }
             pixel += 8u;
-        } while (pixel < PIXELS / 2u);
-        if (half_of_tile == 1u) upper_half[splat_of_batch] = sum;
+        } while (pixel < PIXELS / PARTS);
+        sum_of_part[id] = sum;
         barrier();
-        if (half_of_tile == 0u && valid) {
+        if (part == 0u && valid) {
             uint word = splat_from_isect[at + id];
             uint slot;
             if (PACKED == 1u) slot = slot_ranges[2u * isect_splat(word)] + isect_place(word);
             else slot = slot_from_isect[at + id];
-            v_slots[slot] = sum + upper_half[id];
+            [[unroll]] for (uint other = 1u; other < PARTS; ++other) {
+                sum += sum_of_part[other * BATCH + id];
+            }
+            v_slots[slot] = sum;
         }
         at += BATCH;
     } while (at < end);

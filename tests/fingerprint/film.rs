@@ -23,6 +23,8 @@ use crate::support::has_ffmpeg;
 /// Copies that are looked at: a family bound of 1e-6 wants 1e-11 of one.
 const COPIES: u64 = 100_000;
 const LEAKED: u64 = 70_123;
+/// The usual amplitudes.
+const STRENGTH: f64 = 1.0;
 
 fn prf(seed: u8) -> Prf {
     Prf::new(&MasterSecret::from_bytes([seed; 32]))
@@ -74,7 +76,7 @@ fn a_film_from_above_names_its_copy_and_no_other() {
     let Some(gpu) = device() else { return };
     let scene = DemoScene::unpack().expect("the scene unpacks");
     let model = Model::open(scene.path()).expect("the scene opens");
-    let issue = Issue::new(&model, prf(11));
+    let issue = Issue::new(&model, prf(11), STRENGTH);
     let shots = shots_from_above(8);
     let stamped = issue.stamp(LEAKED);
     let frames = film(&gpu, &model, stamped.clone(), &shots);
@@ -94,7 +96,7 @@ fn a_film_from_above_names_its_copy_and_no_other() {
     assert!(of_film[0].log_p_family < 1e-6f64.ln(), "{:?}", of_film[0]);
     assert!(of_film[1..].iter().all(|other| other.log_p_family > 1e-3f64.ln()), "{of_film:?}");
     // Nobody is named by the original's film, nor by that of another issue's copy.
-    let foreign = film(&gpu, &model, Issue::new(&model, prf(12)).stamp(LEAKED), &shots);
+    let foreign = film(&gpu, &model, Issue::new(&model, prf(12), STRENGTH).stamp(LEAKED), &shots);
     for (what, frames) in [("unmarked", &clean), ("of another issue", &foreign)] {
         let best = best(&gpu, &issue, &evidence(&gpu, &model, frames, &shots));
         assert!(best.iter().all(|copy| copy.log_p_family > 1e-3f64.ln()), "{what}: {best:?}");
@@ -113,7 +115,7 @@ fn a_film_from_above_names_its_copy_and_no_other() {
 fn stamps_move_base_colours_alone_and_less_where_there_is_no_room() {
     let scene = DemoScene::unpack().expect("the scene unpacks");
     let model = Model::open(scene.path()).expect("the scene opens");
-    let issue = Issue::new(&model, prf(13));
+    let issue = Issue::new(&model, prf(13), STRENGTH);
     let (one, two) = (issue.stamp(1), issue.stamp(2));
     assert_ne!(one, two);
     assert_eq!(one, issue.stamp(1), "the same copy again");

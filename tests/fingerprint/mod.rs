@@ -1,4 +1,5 @@
 //! The fingerprint.
 
 mod code;
+mod fidelity;
 mod film;

@@ -22,14 +22,15 @@ pub struct Issue<'a> {
     original: Digest,
     chips: ChipMap,
     code: Code,
-    /// For each splat what its amplitudes are multiplied by, 0 to 1.
+    /// For each splat what its amplitudes are multiplied by, at most what was asked for.
     strength: Vec<f64>,
 }
 
 impl<'a> Issue<'a> {
-    /// The issue of `model`, whose secrets all follow from `prf`.
+    /// The issue of `model`, whose secrets all follow from `prf`. `strength` multiplies the amplitudes of all octaves;
+    /// [`strength_for`](super::fidelity::strength_for) finds one.
     #[must_use]
-    pub fn new(model: &'a Model, prf: Prf) -> Self {
+    pub fn new(model: &'a Model, prf: Prf, strength: f64) -> Self {
         let chips = ChipMap::new(&model.gaussians);
         let code = Code::draw(&prf, chips.num_chips());
         let all: f64 = OCTAVES.iter().map(|octave| octave.amplitude).sum();
@@ -37,7 +38,7 @@ impl<'a> Issue<'a> {
             let colour = |channel: usize| 0.5 + Y0 * f64::from(row[channel]);
             let room = (0..CHANNELS).map(colour).map(|c| c.min(1.0 - c)).fold(1.0, f64::min);
             // A colour that is no number has no room.
-            (ROOM * room / all).clamp(0.0, 1.0)
+            (ROOM * room / all).clamp(0.0, strength)
         });
         let strength = strength.map(|s| if s.is_nan() { 0.0 } else { s }).collect();
         Self { model, prf, original: model.digest(), chips, code, strength }

@@ -4,6 +4,7 @@
 
 pub mod chips;
 pub mod code;
+pub mod fidelity;
 pub mod film;
 pub mod issue;
 pub mod trace;

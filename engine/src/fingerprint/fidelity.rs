@@ -1,0 +1,88 @@
+//! How strong a stamp may be: measured on views from all around, not assumed.
+
+use guard4d_kernels::Device;
+
+use super::issue::Issue;
+use crate::base::prf::Prf;
+use crate::error::EngineError;
+use crate::picture::metrics::{Picture, PsnrSummary, SquaredError};
+use crate::render::SceneRenderer;
+use crate::scene::camera::paths::{Lens, Orbit};
+use crate::scene::{Camera, FrameSize, LookAt, Model};
+
+/// PSNR of a copy that is asked for unless something else is, dB.
+pub const DEFAULT_PSNR_DB: f64 = 49.0;
+
+/// Elevations that the views stand on, degrees, and how many on each.
+const ELEVATIONS_DEG: [f64; 3] = [-20.0, 20.0, 60.0];
+const VIEWS: u32 = 4;
+const SIDE_PX: u32 = 400;
+/// Horizontal field of view, rad: the one that D-NeRF scenes are filmed with.
+const FOV_X_RAD: f64 = 0.691_111_2;
+/// Times that a strength is measured and set right: colours that have no room for more make it less than proportional.
+const ROUNDS: usize = 3;
+/// Strength at most, where hardly anything is seen of the asset: four times the usual amplitudes.
+const STRONGEST: f64 = 4.0;
+/// The copy that is measured and given to nobody.
+const TRIAL_COPY: u64 = u64::MAX;
+
+/// The strength with which a copy of `model` differs from it by `psnr_db` on views from all around.
+///
+/// # Errors
+/// [`EngineError::Usage`] for a PSNR that is no positive number; when memory runs out or the device fails.
+pub fn strength_for(device: &Device, model: &Model, prf: &Prf, psnr_db: f64) -> Result<f64, EngineError> {
+    if !(psnr_db.is_finite() && psnr_db > 0.0) {
+        return Err(EngineError::Usage {
+            what: "PSNR of copies".to_owned(),
+            got: psnr_db.to_string(),
+            expected: "a positive number of dB".to_owned(),
+        });
+    }
+    let shots = views(model)?;
+    let clean = pictures(device, model, &model.gaussians.sh_coeffs, &shots)?;
+    let mut strength = 1.0;
+    for _ in 0..ROUNDS {
+        let stamped = Issue::new(model, prf.clone(), strength).stamp(TRIAL_COPY);
+        let marked = pictures(device, model, &stamped, &shots)?;
+        let error = |(a, b): (&Vec<f32>, &Vec<f32>)| {
+            let [a, b] = [a, b].map(|pixels| Picture::from_rgba32f(SIDE_PX, SIDE_PX, pixels));
+            SquaredError::between(&a?, &b?)
+        };
+        let errors = clean.iter().zip(&marked).map(error).collect::<Result<Vec<_>, _>>()?;
+        let measured = PsnrSummary::of(&errors).map_or(f64::INFINITY, |psnr| psnr.pooled_db.0);
+        // Errors grow with the square of what is added.
+        strength = (strength * 10f64.powf((measured - psnr_db) / 20.0)).min(STRONGEST);
+    }
+    Ok(strength)
+}
+
+/// Views from all around, spread over the motion.
+fn views(model: &Model) -> Result<Vec<(Camera, f32)>, EngineError> {
+    let lens = Lens { fov_x_rad: FOV_X_RAD, size: FrameSize::new(SIDE_PX, SIDE_PX)? };
+    let look_at = LookAt::of(model, FOV_X_RAD);
+    let mut cameras = Vec::new();
+    for elevation_deg in ELEVATIONS_DEG {
+        let orbit = Orbit { views: VIEWS, elevation_deg, look_at, lens };
+        cameras.extend(orbit.cameras()?.views.into_iter().map(|view| view.camera));
+    }
+    let count = cameras.len() as f32;
+    Ok(cameras.into_iter().zip(0u8..).map(|(camera, i)| (camera, (f32::from(i) + 0.5) / count)).collect())
+}
+
+/// What the model looks like with these coefficients.
+fn pictures(
+    device: &Device,
+    model: &Model,
+    sh_coeffs: &[f32],
+    shots: &[(Camera, f32)],
+) -> Result<Vec<Vec<f32>>, EngineError> {
+    let mut gaussians = model.gaussians.clone();
+    gaussians.sh_coeffs.copy_from_slice(sh_coeffs);
+    let mut renderer = SceneRenderer::new(device, &gaussians, &model.motion, model.background)?;
+    let mut pictures = Vec::new();
+    renderer.render_clips(&[shots.to_vec()], |_, _, pixels| {
+        pictures.push(pixels.to_vec());
+        Ok(())
+    })?;
+    Ok(pictures)
+}
