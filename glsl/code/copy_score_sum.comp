@@ -6,8 +6,9 @@
 //   out  scores [copies] (=) = sum of the weights of the chips that are +1
 //   Chip 32b + i of a copy is +1 where 16 bits lie below its bias: half i of block b of ChaCha8 (Bernstein 2008) under
 //     its key, the low half of each word first. twin kernels/src/reference/code/copy_score.rs
-//   Eight neighbours load a block's biases and weights together, four each, and hand them round. Each block is summed
-//     by itself, so that rounding grows with its length and the number of blocks, not with their product.
+//   On processors eight neighbours load a block's biases and weights together, four each, and hand them round; on GPUs
+//     (TILES) all read the same, which their caches are made for. Each block is summed by itself, so that rounding grows
+//     with its length and the number of blocks, not with their product.
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/grid.glsl"
 layout(local_size_x = 8) in;
@@ -21,6 +22,11 @@ TEXELS_F32(2, weights);
 layout(set = 0, binding = 3) writeonly buffer Scores { float scores[]; };
 
 const uint TEXELS = 8u; // of a block
+#ifdef TILES
+#define OF_BLOCK(name, own, i) texel_load(name, int(TEXELS * block + i))
+#else
+#define OF_BLOCK(name, own, i) lane_shuffle(own, i)
+#endif
 
 void main() {
     uint copy = global_index(), own = gl_LocalInvocationID.x % TEXELS;
@@ -32,14 +38,16 @@ void main() {
         int texel = int(TEXELS * block + own);
         uvec4 own_biases = texel_load(biases, texel);
         vec4 own_weights = texel_load(weights, texel);
-        uint words[16] = chacha8(first, second, block);
+        uvec4 words[4];
+        chacha8(first, second, block, words[0], words[1], words[2], words[3]);
         float sum = 0.0;
         [[unroll]] for (uint i = 0u; i < TEXELS; ++i) {
-            uvec4 bound = lane_shuffle(own_biases, i);
-            vec4 weight = lane_shuffle(own_weights, i);
-            uint low = words[2u * i], high = words[2u * i + 1u];
-            sum += ((low & 0xffffu) < bound.x ? weight.x : 0.0) + ((low >> 16) < bound.y ? weight.y : 0.0);
-            sum += ((high & 0xffffu) < bound.z ? weight.z : 0.0) + ((high >> 16) < bound.w ? weight.w : 0.0);
+            uvec4 bound = OF_BLOCK(biases, own_biases, i);
+            vec4 weight = OF_BLOCK(weights, own_weights, i);
+            uvec2 pair = i % 2u == 0u ? words[i / 2u].xy : words[i / 2u].zw;
+            uvec4 halves = uvec4(pair.x & 0xffffu, pair.x >> 16, pair.y & 0xffffu, pair.y >> 16);
+            vec4 counted = mix(vec4(0.0), weight, lessThan(halves, bound));
+            sum += counted.x + counted.y + (counted.z + counted.w);
         }
         score += sum;
         ++block;

@@ -6,16 +6,17 @@
     a += b; d ^= a; d = d << 8 | d >> 24; \
     c += d; b ^= c; b = b << 7 | b >> 25;
 
-// Rows of the state: a constant, the key's halves, and the counter. Columns are mixed, then diagonals.
-uint[16] chacha8(uvec4 first, uvec4 second, uint block) {
+// Rows of the state: a constant, the key's halves, and the counter. Columns are mixed, then diagonals. The rows that come
+// out hold the block's words in order.
+void chacha8(uvec4 first, uvec4 second, uint block, out uvec4 a, out uvec4 b, out uvec4 c, out uvec4 d) {
     const uvec4 constant = uvec4(0x61707865u, 0x3320646eu, 0x79622d32u, 0x6b206574u);
-    uvec4 a = constant, b = first, c = second, d = uvec4(block, 0u, 0u, 0u);
-    [[unroll]] for (int round = 0; round < 4; ++round) {
+    a = constant; b = first; c = second; d = uvec4(block, 0u, 0u, 0u);
+    int round = 0;
+    do {
         CHACHA_QUARTER(a, b, c, d)
         b = b.yzwx; c = c.zwxy; d = d.wxyz;
         CHACHA_QUARTER(a, b, c, d)
         b = b.wxyz; c = c.zwxy; d = d.yzwx;
-    }
+    } while (++round < 4);
     a += constant; b += first; c += second; d.x += block;
-    return uint[16](a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, c.y, c.z, c.w, d.x, d.y, d.z, d.w);
 }

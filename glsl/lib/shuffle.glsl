@@ -27,10 +27,6 @@ vec4 lane_shuffle(vec4 x, uint lane) {
     return exchanged[(own & ~7u) + lane];
 }
 
-uvec4 lane_shuffle(uvec4 x, uint lane) {
-    return floatBitsToUint(lane_shuffle(uintBitsToFloat(x), lane));
-}
-
 float lane_shuffle_xor(float x, uint mask) {
     uint own = next_exchange();
     exchanged[own].x = x;
