@@ -7,8 +7,8 @@
 //   Chip 32b + i of a copy is +1 where 16 bits lie below its bias: half i of block b of ChaCha8 (Bernstein 2008) under
 //     its key, the low half of each word first. twin kernels/src/reference/code/copy_score.rs
 //   On processors eight neighbours load a block's biases and weights together, four each, and hand them round; on GPUs
-//     (TILES) all read the same, which their caches are made for. Each block is summed by itself, so that rounding grows
-//     with its length and the number of blocks, not with their product.
+//     (TILES) all read the same, which their caches are made for. Each block is summed by itself, so that rounding
+//     grows with its length and the number of blocks, not with their product.
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/grid.glsl"
 layout(local_size_x = 8) in;
