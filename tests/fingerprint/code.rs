@@ -129,12 +129,8 @@ fn the_copy_that_was_filmed_stands_out_and_no_other() {
     let positions = 4000;
     let code = Code::draw(&prf(6), positions);
     let noise = evidence(7, positions);
-    let mark = |key: &CopyKey| -> Vec<f64> {
-        let offset = |(bias, is_plus): (&Bias, bool)| bias.offsets()[usize::from(!is_plus)];
-        code.biases().iter().zip(code.chips(key)).map(offset).collect()
-    };
     // A mark at a fifth of the noise.
-    let found: Vec<f64> = mark(&copy(17)).iter().zip(&noise).map(|(m, n)| 0.8 * m + n).collect();
+    let found: Vec<f64> = code.values(&copy(17), Bias::offsets).zip(&noise).map(|(m, n)| 0.8 * m + n).collect();
     let chance = code.by_chance(&found).expect("one for each");
     let bound = |number| chance.log_tail(code.score(&found, &copy(number)).expect("scored")).bound;
     assert!(bound(17) < -30.0, "{}", bound(17));

@@ -104,13 +104,13 @@ impl ScoreTail {
     /// The exponent l ≥ 0 at which `off`, which grows with it, is 0 or at most `close` beside it.
     fn tilted(&self, off: impl Fn(Cumulant, f64) -> f64, close: f64) -> (f64, Cumulant) {
         let (mut low, mut high) = (0.0, 1.0 / self.deviation().max(f64::MIN_POSITIVE));
-        let mut halvings = 0;
-        while off(self.cumulant(high), high) < 0.0 && halvings < HALVINGS && high < f64::MAX / 4.0 {
-            (low, high, halvings) = (high, 2.0 * high, halvings + 1);
-            // Beyond it every term has its larger value, and nothing moves any more.
-            if self.cumulant(high).second <= 0.0 {
+        for _ in 0..HALVINGS {
+            let k = self.cumulant(high);
+            // Where nothing varies every term has its larger value, and nothing moves any more.
+            if off(k, high) >= 0.0 || k.second <= 0.0 || high >= f64::MAX / 4.0 {
                 break;
             }
+            (low, high) = (high, 2.0 * high);
         }
         for _ in 0..HALVINGS {
             let l = f64::midpoint(low, high);

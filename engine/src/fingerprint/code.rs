@@ -123,6 +123,11 @@ impl Code {
         })
     }
 
+    /// What each chip of a copy amounts to, by a pair of numbers for +1 and −1 of each bias, such as [`Bias::symbols`].
+    pub fn values(&self, copy: &CopyKey, pair: fn(Bias) -> [f64; 2]) -> impl Iterator<Item = f64> {
+        self.biases.iter().zip(self.chips(copy)).map(move |(bias, is_plus)| pair(*bias)[usize::from(!is_plus)])
+    }
+
     /// The score of a copy: how well its chips agree with what was found at each position.
     ///
     /// # Equation
@@ -132,8 +137,7 @@ impl Code {
     /// [`EngineError::Usage`] unless there is one number for each position.
     pub fn score(&self, evidence: &[f64], copy: &CopyKey) -> Result<f64, EngineError> {
         self.check(evidence)?;
-        let symbol = |(bias, is_plus): (&Bias, bool)| bias.symbols()[usize::from(!is_plus)];
-        Ok(self.biases.iter().zip(self.chips(copy)).map(symbol).zip(evidence).map(|(u, c)| c * u).sum())
+        Ok(self.values(copy, Bias::symbols).zip(evidence).map(|(u, c)| c * u).sum())
     }
 
     /// How such scores are distributed for copies that have nothing to do with the evidence: exactly, whatever it is.

@@ -41,9 +41,10 @@ pub fn strength_for(device: &Device, model: &Model, prf: &Prf, psnr_db: f64) -> 
     let shots = views(model)?;
     let clean = pictures(device, model, &model.gaussians.sh_coeffs, &shots)?;
     let mut strength = 1.0;
+    let mut issue = Issue::new(model, prf.clone(), strength);
     for _ in 0..ROUNDS {
-        let stamped = Issue::new(model, prf.clone(), strength).stamp(TRIAL_COPY);
-        let marked = pictures(device, model, &stamped, &shots)?;
+        issue = issue.with_strength(strength);
+        let marked = pictures(device, model, &issue.stamp(TRIAL_COPY), &shots)?;
         let error = |(a, b): (&Vec<f32>, &Vec<f32>)| {
             let [a, b] = [a, b].map(|pixels| Picture::from_rgba32f(SIDE_PX, SIDE_PX, pixels));
             SquaredError::between(&a?, &b?)

@@ -5,15 +5,12 @@
 //! that Aᵀ(film − original) adds up, for each splat, what all pixels say of its part. No key takes part.
 
 use guard4d_kernels::Device;
-use guard4d_kernels::shape::OffsetBases;
-use guard4d_kernels::splat::rasterize::{Frame as FrameOfClip, FrameMut};
-use guard4d_kernels::splat::tile_bin::Prune;
 
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::media::Frame;
 use crate::render::deform::DeformField;
-use crate::render::{Offsets, Renderer};
+use crate::render::{Frame as FrameOfClip, FrameMut, OffsetBases, Offsets, Prune, Renderer};
 use crate::scene::gaussians::CHANNELS;
 use crate::scene::{Camera, Model};
 

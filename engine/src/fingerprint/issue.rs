@@ -22,8 +22,9 @@ pub struct Issue<'a> {
     original: Digest,
     chips: ChipMap,
     code: Code,
-    /// For each splat what its amplitudes are multiplied by, at most what was asked for.
-    strength: Vec<f64>,
+    /// For each splat what its amplitudes may be multiplied by at most.
+    room: Vec<f64>,
+    strength: f64,
 }
 
 impl<'a> Issue<'a> {
@@ -33,21 +34,19 @@ impl<'a> Issue<'a> {
     pub fn new(model: &'a Model, prf: Prf, strength: f64) -> Self {
         let chips = ChipMap::new(&model.gaussians);
         let code = Code::draw(&prf, chips.num_chips());
-        let all: f64 = OCTAVES.iter().map(|octave| octave.amplitude).sum();
-        let strength = model.gaussians.sh_coeffs.chunks_exact(SH_FLOATS).map(|row| {
-            let colour = |channel: usize| 0.5 + Y0 * f64::from(row[channel]);
-            let room = (0..CHANNELS).map(colour).map(|c| c.min(1.0 - c)).fold(1.0, f64::min);
-            // A colour that is no number has no room.
-            (ROOM * room / all).clamp(0.0, strength)
-        });
-        let strength = strength.map(|s| if s.is_nan() { 0.0 } else { s }).collect();
-        Self { model, prf, original: model.digest(), chips, code, strength }
+        let room = model.gaussians.sh_coeffs.chunks_exact(SH_FLOATS).map(|row| room(&row[..CHANNELS])).collect();
+        Self { model, prf, original: model.digest(), chips, code, room, strength }
     }
 
-    /// The unmarked model.
+    /// The same issue at another strength.
     #[must_use]
-    pub fn model(&self) -> &Model {
-        self.model
+    pub fn with_strength(self, strength: f64) -> Self {
+        Self { strength, ..self }
+    }
+
+    /// For each splat what its amplitudes are multiplied by.
+    fn strengths(&self) -> impl Iterator<Item = f64> {
+        self.room.iter().map(|room| room.min(self.strength))
     }
 
     /// The code of its copies.
@@ -70,11 +69,9 @@ impl<'a> Issue<'a> {
     /// [`Bias::offsets`].
     #[must_use]
     pub fn stamp(&self, copy: u64) -> Vec<f32> {
-        let offset = |(bias, is_plus): (&Bias, bool)| bias.offsets()[usize::from(!is_plus)];
-        let offsets: Vec<f64> =
-            self.code.biases().iter().zip(self.code.chips(&self.copy_key(copy))).map(offset).collect();
+        let offsets: Vec<f64> = self.code.values(&self.copy_key(copy), Bias::offsets).collect();
         let mut sh_coeffs = self.model.gaussians.sh_coeffs.clone();
-        let splats = self.chips.of_splats().iter().zip(&self.strength);
+        let splats = self.chips.of_splats().iter().zip(self.strengths());
         for (row, (chips, strength)) in sh_coeffs.chunks_exact_mut(SH_FLOATS).zip(splats) {
             let colour: f64 = chips.iter().zip(OCTAVES).map(|(chip, octave)| octave.amplitude * offsets[*chip]).sum();
             let moved = strength * colour / Y0;
@@ -89,7 +86,7 @@ impl<'a> Issue<'a> {
     /// # Errors
     /// [`EngineError::Usage`] unless there is evidence of each splat.
     pub fn evidence(&self, splats: &SplatEvidence) -> Result<Vec<f64>, EngineError> {
-        let count = self.strength.len();
+        let count = self.room.len();
         if [splats.residual.len(), splats.response.len()] != [count; 2] {
             return Err(EngineError::Usage {
                 what: "evidence of a film".to_owned(),
@@ -98,7 +95,7 @@ impl<'a> Issue<'a> {
             });
         }
         let (mut evidence, mut response) = (vec![0.0; self.chips.num_chips()], vec![0.0; self.chips.num_chips()]);
-        for (splat, (chips, strength)) in self.chips.of_splats().iter().zip(&self.strength).enumerate() {
+        for (splat, (chips, strength)) in self.chips.of_splats().iter().zip(self.strengths()).enumerate() {
             for (chip, octave) in chips.iter().zip(OCTAVES) {
                 let moved = strength * octave.amplitude;
                 evidence[*chip] += moved * splats.residual[splat];
@@ -113,4 +110,14 @@ impl<'a> Issue<'a> {
         evidence.iter_mut().zip(&expected).for_each(|(c, mean)| *c -= share * mean);
         Ok(evidence)
     }
+}
+
+/// What the amplitudes of a splat with these DC terms may be multiplied by; a colour that is no number has no room.
+fn room(dc: &[f32]) -> f64 {
+    let all: f64 = OCTAVES.iter().map(|octave| octave.amplitude).sum();
+    let to_the_end = |dc: &f32| {
+        let colour = 0.5 + Y0 * f64::from(*dc);
+        if colour.is_finite() { colour.min(1.0 - colour).max(0.0) } else { 0.0 }
+    };
+    ROOM / all * dc.iter().map(to_the_end).fold(f64::INFINITY, f64::min)
 }
