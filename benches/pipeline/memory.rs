@@ -31,18 +31,21 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
     let model = Model::open(scene.path())?;
     let mut still = model.clone();
     still.motion = Motion::Still;
-    for (model, kind, count, bases, named) in [
-        (&still, "static", 1_000_000, OffsetBases::Dc, "DC"),
-        (&still, "static", 1_000_000, OffsetBases::All, "all"),
-        (&model, "moving", 300_000, OffsetBases::Dc, "DC"),
+    for (model, kind, count, bases, named, side_px) in [
+        (&still, "static", 1_000_000, OffsetBases::Dc, "DC", 400),
+        (&still, "static", 1_000_000, OffsetBases::Dc, "DC", 800),
+        (&still, "static", 1_000_000, OffsetBases::All, "all", 800),
+        (&model, "moving", 300_000, OffsetBases::Dc, "DC", 400),
     ] {
         let count = bench.size(count, model.gaussians.len());
-        let name = format!("memory/embed {kind} scene of {count} splats, offsets of {named} coefficients, blind");
+        let side_px = bench.size(side_px, 200);
+        let what = format!("{kind} scene of {count} splats, offsets of {named} coefficients, {side_px} px");
+        let name = format!("memory/embed {what}, blind");
         if bench.wants(&name) {
             let mut model = model.clone();
             model.gaussians = copies(&model.gaussians, count);
             println!("{name}");
-            bench.memory.push(embed(&bench.device, &model, bases, name)?);
+            bench.memory.push(embed(&bench.device, &model, Work { bases, side_px }, name)?);
         }
     }
     Ok(())
@@ -65,8 +68,15 @@ fn copies(splats: &Gaussians, count: usize) -> Gaussians {
     out
 }
 
+/// What is embedded, and into which pictures.
+#[derive(Clone, Copy)]
+struct Work {
+    bases: OffsetBases,
+    side_px: u32,
+}
+
 /// A few steps on a device of their own, which the budget is for.
-fn embed(like: &Device, model: &Model, bases: OffsetBases, name: String) -> Result<MemoryRow, EngineError> {
+fn embed(like: &Device, model: &Model, work: Work, name: String) -> Result<MemoryRow, EngineError> {
     let select = format!("uuid:{}", like.info().uuid).parse().expect("a device's UUID selects it");
     let kernels = FamilySelect::Only(like.family());
     let device = Device::open_with(&select, DeviceOptions { kernels, ..DeviceOptions::default() })?;
@@ -78,7 +88,8 @@ fn embed(like: &Device, model: &Model, bases: OffsetBases, name: String) -> Resu
         c.views.clips = CLIPS;
         c.extractor.calibration_mut().expect("fitted").probes = BITS as usize;
         c.optimiser.held_out_every = 0;
-        c.fidelity.bases = bases;
+        c.fidelity.bases = work.bases;
+        c.views.size_px = (work.side_px, work.side_px);
     });
     let subject = Subject { device: &device, clip: &clip, key, model, message };
     let mut embedding = Embedding::prepare(subject, few)?;

@@ -300,7 +300,7 @@ fn memory(bench: &Bench) -> String {
     }
     let mut out = format!(
         "\n## Memory\n\nEmbeddings within {:.0} MiB of device memory, {STEPS} steps on {CLIPS} clips of \
-         8 x 400 x 400 px; splats are copies of the demo scene's. The peaks of what is taken from the driver and \
+         8 frames; splats are copies of the demo scene's. The peaks of what is taken from the driver and \
          of what buffers hold may come at different times.\n\n\
          | what | MiB taken | MiB in buffers | taken to held | plan s | fit s | s per step |\n\
          | --- | ---: | ---: | ---: | ---: | ---: | ---: |\n",
