@@ -13,10 +13,13 @@ use crate::commands::embed::args::EmbedArgs;
 use crate::commands::farm::actions::FarmArgs;
 use crate::commands::inspect::InspectArgs;
 use crate::commands::keygen::KeygenArgs;
+use crate::commands::ledger::LedgerArgs;
 use crate::commands::man::ManArgs;
 use crate::commands::reference::ReferenceArgs;
 use crate::commands::render::RenderArgs;
+use crate::commands::stamp::StampArgs;
 use crate::commands::timestamp::TimestampArgs;
+use crate::commands::trace::TraceArgs;
 use crate::commands::undo::UndoArgs;
 use crate::commands::verify::VerifyArgs;
 use crate::flags::common::Common;
@@ -64,6 +67,14 @@ pub(crate) enum Command {
     Disclose(DiscloseArgs),
     /// Restores the original of a marked model, byte for byte
     Undo(UndoArgs),
+    /// Writes a copy of a model for each recipient, which tells it apart from all others
+    Stamp(StampArgs),
+    /// Says who got which copy
+    ///
+    /// The ledger is one private file, made by `stamp`.
+    Ledger(LedgerArgs),
+    /// Says whose copy a leaked film or asset shows
+    Trace(TraceArgs),
     /// Renders a model to 8-bit frames or a video
     Render(RenderArgs),
     /// Distorts a film as copies are distorted, to see what `verify` then reads

@@ -14,8 +14,8 @@ use guard4d_engine::error::{EngineError, INTERNAL_ERROR};
 
 use command_line::{Cli, Command};
 use commands::{
-    attack, commit, completions, convert, demo, devices, disclose, embed, farm, inspect, keygen, lab, man, reference,
-    render, timestamp, undo, verify,
+    attack, commit, completions, convert, demo, devices, disclose, embed, farm, inspect, keygen, lab, ledger, man,
+    reference, render, stamp, timestamp, trace, undo, verify,
 };
 use ui::log;
 use ui::outcome::Outcome;
@@ -67,10 +67,13 @@ fn run(cli: &Cli) -> Result<Outcome, EngineError> {
         Command::Inspect(args) => inspect::run(args, common),
         Command::Keygen(args) => keygen::run(args, common),
         Command::Lab(args) => lab::run(args, common),
+        Command::Ledger(args) => ledger::run(args, common),
         Command::Man(args) => man::run(args, &Cli::command()),
         Command::Reference(args) => reference::run(args, &Cli::command()),
         Command::Render(args) => render::run(args, common),
+        Command::Stamp(args) => stamp::run(args, common),
         Command::Timestamp(args) => timestamp::run(args, common),
+        Command::Trace(args) => trace::run(args, common),
         Command::Undo(args) => undo::run(args),
         Command::Verify(args) => verify::run(args, common),
     }

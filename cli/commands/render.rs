@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use guard4d_engine::base::output::AtomicFile;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::media::Frame;
 use guard4d_engine::render::SceneRenderer;
@@ -26,6 +27,11 @@ pub(crate) struct RenderArgs {
     views: EvaluationViews,
     #[command(flatten)]
     film: FilmArgs,
+    /// Also write the camera and time of each frame, in the film's order, as transforms JSON
+    ///
+    /// `render --cameras` films the same again, and `trace --cameras` needs it.
+    #[arg(long, value_name = "FILE", help_heading = "Film")]
+    save_cameras: Option<PathBuf>,
 }
 
 pub(crate) const FARM: FarmJob = FarmJob {
@@ -55,7 +61,13 @@ pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<Outcome, EngineE
             each(Frame::from_rgba32f(camera.width, camera.height, pixels)?)
         })
     };
+    // Created before frames are drawn, which take long, and put in its place behind them.
+    let existing = args.film.overwrite.existing();
+    let file = args.save_cameras.as_ref().map(|path| AtomicFile::create(path, existing)).transpose()?;
     film::write(&args.film, size, shoot)?;
+    if let Some(file) = file {
+        file.finish(&cameras.film_json())?;
+    }
     progress.finish_and_clear();
     Ok(Outcome::Done)
 }

@@ -14,6 +14,11 @@ pub(crate) fn open(path: &Path, common: &Common) -> Result<Model, EngineError> {
     told(Model::open(path)?, common)
 }
 
+/// Opens a model whose copies are to be of its own format.
+pub(crate) fn open_in_kind(path: &Path, common: &Common) -> Result<Model, EngineError> {
+    told(Model::open_in_kind(path)?, common)
+}
+
 /// Opens a model whose marked copy is to be of its own format, for all that this rounds.
 pub(crate) fn open_lossy(path: &Path, common: &Common) -> Result<Model, EngineError> {
     let model = Model::open_in_kind(path)?;

@@ -9,4 +9,5 @@ pub(crate) mod outcome;
 pub(crate) mod progress;
 pub(crate) mod report;
 pub(crate) mod stop;
+pub(crate) mod tracing_report;
 pub(crate) mod verification;

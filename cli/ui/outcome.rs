@@ -1,5 +1,6 @@
 //! How a command ended without an error.
 
+use guard4d_engine::detect::trace::Tracing;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::evidence::judgement::Verdict;
 
@@ -14,16 +15,17 @@ const DATE_CLAIMED: u8 = 4;
 
 /// Shown below `--help`. [`Outcome::exit_code`], `Verdict::exit_code` and `EngineError::exit_code` give these numbers.
 pub(crate) const EXIT_CODES: &str = "Exit codes:
-  0   done; verify, demo: the mark is present
-  1   verify, demo: absent; embed: the quality gate was missed (the receipt has the numbers)
+  0   done; verify, demo: the mark is present; trace: a copy was named
+  1   verify, demo: absent; trace: no copy; embed: the quality gate was missed (see the receipt)
   2   wrong usage
   3   farm: some rows failed, the others are done
-  4   verify, demo: inconclusive; timestamp check: no authority was given to check the date by
+  4   verify, demo, trace: inconclusive; timestamp check: no authority to check the date by
   65  an input's content is wrong          66  an input is missing
   69  no suitable device or program, or    70  internal error
       too little device memory or budget
   73  an output cannot be created          74  reading or writing failed
-  75  interrupted; embed left a checkpoint 76  the device was lost";
+  75  interrupted, or a ledger is in use;  76  the device was lost
+      embed left a checkpoint";
 
 /// How a command ended without an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,6 +42,8 @@ pub(crate) enum Outcome {
     RowsLeft,
     /// `verify` and `demo`: this is the answer.
     Judged(Verdict),
+    /// `trace`: this is the answer.
+    Traced(Tracing),
 }
 
 impl Outcome {
@@ -51,6 +55,7 @@ impl Outcome {
             Self::RowsFailed => ROWS_FAILED,
             Self::RowsLeft => EngineError::Stopped.exit_code(),
             Self::Judged(verdict) => verdict.exit_code(),
+            Self::Traced(tracing) => tracing.exit_code(),
         }
     }
 }

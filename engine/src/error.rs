@@ -85,6 +85,13 @@ pub enum EngineError {
         /// The offending value.
         got: f64,
     },
+    /// Another process holds what is needed, and did not let go of it in time.
+    #[error("{}: another process is using it", path.display())]
+    #[diagnostic(code(guard4d::busy), help("run the same command again when that process is done"))]
+    Busy {
+        /// File that is held.
+        path: PathBuf,
+    },
     /// The run was interrupted; a valid checkpoint was written.
     #[error("interrupted; checkpoint at {}", checkpoint.display())]
     #[diagnostic(code(guard4d::interrupted), help("run the same command with --resume to go on"))]
@@ -118,7 +125,7 @@ impl EngineError {
             Self::Kernel(_) | Self::NotFinite { .. } => INTERNAL_ERROR,
             Self::CannotCreate { .. } => 73,
             Self::Io { .. } => 74,
-            Self::Interrupted { .. } | Self::Stopped => 75,
+            Self::Busy { .. } | Self::Interrupted { .. } | Self::Stopped => 75,
         }
     }
 }

@@ -25,6 +25,7 @@ mod models;
 mod outputs;
 mod pretrain;
 mod reference;
+mod stamp;
 mod study;
 mod timestamp;
 mod undo;

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use guard4d_engine::base::prf::{MasterSecret, Prf};
 use guard4d_engine::error::EngineError;
-use guard4d_engine::fingerprint::film::{Shot, SplatEvidence, gather};
+use guard4d_engine::fingerprint::film::{Gatherer, Shot, SplatEvidence};
 use guard4d_engine::fingerprint::issue::Issue;
-use guard4d_engine::fingerprint::trace::{Scored, best_copies};
+use guard4d_engine::fingerprint::trace::{Scored, Scorer};
 use guard4d_engine::media::codec::Codec;
 use guard4d_engine::media::encode::{EncodeOptions, write_video};
 use guard4d_engine::media::{Frame, ReadOptions, read_clip};
@@ -61,14 +61,16 @@ fn through_h264(path: &Path, frames: &[Frame]) -> Vec<Frame> {
 }
 
 fn evidence(gpu: &Gpu, model: &Model, frames: &[Frame], shots: &[(Camera, f32)]) -> SplatEvidence {
-    let shots: Vec<Shot<'_>> =
-        frames.iter().zip(shots).map(|(frame, &(camera, time))| Shot { frame, camera, time }).collect();
-    gather(gpu, model, &shots).expect("gathers")
+    let mut gatherer = Gatherer::new(gpu, model).expect("a gatherer");
+    for (frame, &(camera, time)) in frames.iter().zip(shots) {
+        gatherer.add(&Shot { frame, camera, time }).expect("gathers");
+    }
+    gatherer.into_evidence()
 }
 
 fn best(gpu: &Gpu, issue: &Issue<'_>, splats: &SplatEvidence) -> Vec<Scored> {
     let found = issue.evidence(splats).expect("of each splat");
-    best_copies(gpu, issue, &found, COPIES).expect("scores")
+    Scorer::new(gpu, issue, &found).and_then(|scorer| scorer.best(0..COPIES)).expect("scores")
 }
 
 #[test]

@@ -2,4 +2,6 @@
 
 mod dating;
 mod gate;
+mod ledger;
 pub(crate) mod receipt;
+mod recipients;

@@ -10,7 +10,7 @@ use guard4d_engine::error::EngineError;
 use guard4d_engine::farm::manifest::{Manifest, Row};
 use guard4d_engine::farm::runner::Attempt;
 
-use crate::commands::{attack, convert, embed, keygen, render, verify};
+use crate::commands::{attack, convert, embed, keygen, render, stamp, trace, verify};
 use crate::flags::common::Common;
 use crate::shared::farm_job::FarmJob;
 use crate::ui::outcome::Outcome;
@@ -19,8 +19,16 @@ use crate::ui::outcome::Outcome;
 pub(crate) type Dispatch<'a> = &'a (dyn Fn(&ArgMatches, Common) -> Result<Outcome, EngineError> + Sync);
 
 /// What rows can ask for.
-const JOBS: [&FarmJob; 6] =
-    [&keygen::FARM, &embed::run::FARM, &verify::FARM, &render::FARM, &attack::FARM, &convert::FARM];
+const JOBS: [&FarmJob; 8] = [
+    &keygen::FARM,
+    &embed::run::FARM,
+    &verify::FARM,
+    &render::FARM,
+    &attack::FARM,
+    &convert::FARM,
+    &stamp::FARM,
+    &trace::FARM,
+];
 
 /// Largest input of a light row: eight are done at once, and models take a few times the size of their file.
 const LIGHT_BYTES: u64 = 16 << 20;

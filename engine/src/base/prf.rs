@@ -121,8 +121,12 @@ pub enum Purpose {
     SwapMessage,
     /// Biases of the fingerprint's code.
     CodeBiases,
+    /// Positions of that code which are the same in all copies, and their chips.
+    SharedChips,
     /// Secrets of single copies, which their chips follow from.
     CopyChips,
+    /// What is published of an issue and its copies before they leave.
+    Commitments,
     /// Scenes that a pretrained extractor is made from.
     Scenes,
     /// Secret that a key's token table and decoder follow from.
@@ -157,7 +161,9 @@ impl Purpose {
             Self::OtherKeys => "other-keys",
             Self::SwapMessage => "swap-message",
             Self::CodeBiases => "code-biases",
+            Self::SharedChips => "shared-chips",
             Self::CopyChips => "copy-chips",
+            Self::Commitments => "commitments",
             Self::Scenes => "scenes",
             Self::ReaderSecret => "reader-secret",
             Self::AssetSecret => "asset-secret",

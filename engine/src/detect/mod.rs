@@ -11,5 +11,6 @@ pub mod report;
 pub mod request;
 pub mod sought;
 pub mod suspect;
+pub mod trace;
 pub mod verify;
 pub mod verify_cache;

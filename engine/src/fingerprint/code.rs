@@ -81,63 +81,92 @@ impl CopyKey {
     }
 }
 
-/// The biases of all positions of an asset: the same for all of its copies.
+/// What decides the chip of a position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Position {
+    /// Each copy's own key, +1 with this bias.
+    OfCopy(Bias),
+    /// The issue's key: whether it is +1 in every copy. Such chips say "a copy of this issue" however many were mixed.
+    Shared(bool),
+}
+
+/// One position of so many is shared: its chips then score a quarter of what a copy's do.
+const SHARED_ONE_OF: u32 = 16;
+
+/// The positions of an asset: the same for all of its copies.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Code {
-    biases: Vec<Bias>,
+    positions: Vec<Position>,
 }
 
 impl Code {
-    /// Draws `positions` biases.
+    /// Draws `positions` positions.
     ///
     /// # Determinism
     /// The same on every platform: whole numbers alone decide.
     #[must_use]
     pub fn draw(prf: &Prf, positions: usize) -> Self {
-        let mut rng = prf.stream(Purpose::CodeBiases, 0);
+        let (mut biases, mut shared) = (prf.stream(Purpose::CodeBiases, 0), prf.stream(Purpose::SharedChips, 0));
         let node = |word: u32| match word {
             0..OUTER => Bias::NODES[0],
             word if word > u32::MAX - OUTER => Bias::NODES[2],
             _ => Bias::NODES[1],
         };
-        Self { biases: (0..positions).map(|_| node(rng.next_u32())).collect() }
+        let mut position = || {
+            let (bias, word) = (node(biases.next_u32()), shared.next_u32());
+            let is_shared = word.is_multiple_of(SHARED_ONE_OF);
+            if is_shared { Position::Shared(word / SHARED_ONE_OF % 2 == 1) } else { Position::OfCopy(bias) }
+        };
+        Self { positions: (0..positions).map(|_| position()).collect() }
     }
 
-    /// The bias of each position.
+    /// What decides each position's chip.
     #[must_use]
-    pub fn biases(&self) -> &[Bias] {
-        &self.biases
+    pub fn positions(&self) -> &[Position] {
+        &self.positions
     }
 
     /// The chips of a copy: whether each is +1.
     ///
     /// # Equation
-    /// Position i takes 16 bits of `ChaCha8` (Bernstein 2008) under the copy's key: the low half of word i/2 where i is
-    /// even, else the high one. The chip is +1 where they lie below the bias.
+    /// Position i has 16 bits of `ChaCha8` (Bernstein 2008) under the copy's key: the low half of word i/2 where i is
+    /// even, else the high one. A chip of the copy's own is +1 where they lie below the bias.
     pub fn chips(&self, copy: &CopyKey) -> impl Iterator<Item = bool> {
         let mut rng = ChaCha8Rng::from_seed(copy.0);
         let mut word = 0;
-        self.biases.iter().enumerate().map(move |(i, bias)| {
+        self.positions.iter().enumerate().map(move |(i, position)| {
             word = if i % 2 == 0 { rng.next_u32() } else { word >> 16 };
-            word & 0xffff < u32::from(bias.0)
+            match position {
+                Position::OfCopy(bias) => word & 0xffff < u32::from(bias.0),
+                Position::Shared(is_plus) => *is_plus,
+            }
         })
     }
 
-    /// What each chip of a copy amounts to, by a pair of numbers for +1 and −1 of each bias, such as [`Bias::symbols`].
-    pub fn values(&self, copy: &CopyKey, pair: fn(Bias) -> [f64; 2]) -> impl Iterator<Item = f64> {
-        self.biases.iter().zip(self.chips(copy)).map(move |(bias, is_plus)| pair(*bias)[usize::from(!is_plus)])
+    /// How far each chip of a copy moves the colour, in units of its amplitude: see [`Bias::offsets`]; a shared one
+    /// moves it by 1.
+    pub fn offsets(&self, copy: &CopyKey) -> impl Iterator<Item = f64> {
+        self.positions.iter().zip(self.chips(copy)).map(|(position, is_plus)| match position {
+            Position::OfCopy(bias) => bias.offsets()[usize::from(!is_plus)],
+            Position::Shared(_) => sign(is_plus),
+        })
     }
 
-    /// The score of a copy: how well its chips agree with what was found at each position.
+    /// The score of a copy: how well its own chips agree with what was found at each position.
     ///
     /// # Equation
-    /// S = Σ c u, with the [symbols](Bias::symbols) u.
+    /// S = Σ c u over the positions of copies, with the [symbols](Bias::symbols) u.
     ///
     /// # Errors
     /// [`EngineError::Usage`] unless there is one number for each position.
     pub fn score(&self, evidence: &[f64], copy: &CopyKey) -> Result<f64, EngineError> {
         self.check(evidence)?;
-        Ok(self.values(copy, Bias::symbols).zip(evidence).map(|(u, c)| c * u).sum())
+        let chips = self.positions.iter().zip(self.chips(copy)).zip(evidence);
+        let term = |((position, is_plus), c): ((&Position, bool), &f64)| match position {
+            Position::OfCopy(bias) => c * bias.symbols()[usize::from(!is_plus)],
+            Position::Shared(_) => 0.0,
+        };
+        Ok(chips.map(term).sum())
     }
 
     /// How such scores are distributed for copies that have nothing to do with the evidence: exactly, whatever it is.
@@ -146,21 +175,55 @@ impl Code {
     /// As [`score`](Self::score).
     pub fn by_chance(&self, evidence: &[f64]) -> Result<ScoreTail, EngineError> {
         self.check(evidence)?;
-        let term = |(bias, c): (&Bias, &f64)| {
-            let [plus, minus] = bias.symbols();
-            TwoValued { high: c * plus, low: c * minus, probability: bias.probability() }
+        let term = |(position, c): (&Position, &f64)| match position {
+            Position::OfCopy(bias) => {
+                let [plus, minus] = bias.symbols();
+                Some(TwoValued { high: c * plus, low: c * minus, probability: bias.probability() })
+            }
+            Position::Shared(_) => None,
         };
-        Ok(ScoreTail::new(self.biases.iter().zip(evidence).map(term).collect()))
+        Ok(ScoreTail::new(self.positions.iter().zip(evidence).filter_map(term).collect()))
+    }
+
+    /// The score of all copies together: how well the shared chips agree with what was found.
+    ///
+    /// # Equation
+    /// S = Σ c x over the shared positions, x = ±1; by chance each x is a fair coin.
+    ///
+    /// # Errors
+    /// As [`score`](Self::score).
+    pub fn shared_score(&self, evidence: &[f64]) -> Result<SharedScore, EngineError> {
+        self.check(evidence)?;
+        let shared = self.positions.iter().zip(evidence).filter_map(|(position, c)| match position {
+            Position::OfCopy(_) => None,
+            Position::Shared(is_plus) => Some((sign(*is_plus) * c, *c)),
+        });
+        let (score, terms): (Vec<f64>, Vec<TwoValued>) =
+            shared.map(|(signed, c)| (signed, TwoValued { high: c, low: -c, probability: 0.5 })).unzip();
+        Ok(SharedScore { score: score.into_iter().sum(), chance: ScoreTail::new(terms) })
     }
 
     fn check(&self, evidence: &[f64]) -> Result<(), EngineError> {
-        if evidence.len() == self.biases.len() {
+        if evidence.len() == self.positions.len() {
             return Ok(());
         }
         Err(EngineError::Usage {
             what: "evidence".to_owned(),
             got: format!("{} numbers", evidence.len()),
-            expected: format!("one for each of {} positions", self.biases.len()),
+            expected: format!("one for each of {} positions", self.positions.len()),
         })
     }
+}
+
+/// A score of the shared chips, and what it is compared with.
+#[derive(Clone, Debug)]
+pub struct SharedScore {
+    /// The score.
+    pub score: f64,
+    /// How it is distributed for keys that have nothing to do with the evidence.
+    pub chance: ScoreTail,
+}
+
+fn sign(is_plus: bool) -> f64 {
+    if is_plus { 1.0 } else { -1.0 }
 }

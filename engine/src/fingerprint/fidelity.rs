@@ -24,7 +24,7 @@ const ROUNDS: usize = 3;
 /// Strength at most, where hardly anything is seen of the asset: four times the usual amplitudes.
 const STRONGEST: f64 = 4.0;
 /// The copy that is measured and given to nobody.
-const TRIAL_COPY: u64 = u64::MAX;
+pub(super) const TRIAL_COPY: u64 = u64::MAX;
 
 /// The strength with which a copy of `model` differs from it by `psnr_db` on views from all around.
 ///
@@ -71,7 +71,7 @@ fn views(model: &Model) -> Result<Vec<(Camera, f32)>, EngineError> {
 }
 
 /// What the model looks like with these coefficients.
-fn pictures(
+pub(super) fn pictures(
     device: &Device,
     model: &Model,
     sh_coeffs: &[f32],

@@ -4,7 +4,7 @@
 //! For one view and time a picture is A·c + T·background. A copy's colours differ from the original's by its mark, so
 //! that Aᵀ(film − original) adds up, for each splat, what all pixels say of its part. No key takes part.
 
-use guard4d_kernels::Device;
+use guard4d_kernels::{Buffer, Device};
 
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
@@ -48,41 +48,71 @@ struct Difference {
     counted: Vec<f32>,
 }
 
-/// Gathers what `shots` say of `model`, the unmarked asset.
-///
-/// # Errors
-/// [`EngineError::Usage`] for a camera of another size than its frame; when memory runs out or the device fails.
-pub fn gather(device: &Device, model: &Model, shots: &[Shot<'_>]) -> Result<SplatEvidence, EngineError> {
-    let mut field = DeformField::new(device, &model.gaussians, &model.motion)?;
-    let mut renderer = Renderer::new(device)?;
-    let bases = OffsetBases::Dc;
-    let row = bases.floats();
-    let offsets = device.buffer::<f32>("film.offsets", model.gaussians.len() * row)?;
-    let none = || vec![0.0; model.gaussians.len()];
-    let mut sums = SplatEvidence { residual: none(), response: none() };
-    for shot in shots {
+/// Gathers what a film says, frame by frame.
+#[derive(Debug)]
+pub struct Gatherer {
+    device: Device,
+    background: [f32; 3],
+    field: DeformField,
+    renderer: Renderer,
+    offsets: Buffer<f32>,
+    sums: SplatEvidence,
+}
+
+/// Only the DC terms are asked about.
+const BASES: OffsetBases = OffsetBases::Dc;
+
+impl Gatherer {
+    /// Of films of `model`, the unmarked asset.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub fn new(device: &Device, model: &Model) -> Result<Self, EngineError> {
+        let count = model.gaussians.len();
+        Ok(Self {
+            device: device.clone(),
+            background: model.background,
+            field: DeformField::new(device, &model.gaussians, &model.motion)?,
+            renderer: Renderer::new(device)?,
+            offsets: device.buffer("film.offsets", count * BASES.floats())?,
+            sums: SplatEvidence { residual: vec![0.0; count], response: vec![0.0; count] },
+        })
+    }
+
+    /// Adds what one frame says.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for a camera of another size than its frame; when memory runs out or the device fails.
+    pub fn add(&mut self, shot: &Shot<'_>) -> Result<(), EngineError> {
         check_size(shot)?;
-        let state = field.at(shot.time)?;
-        let plan = renderer.plan(&state, &shot.camera, Prune::Keep)?;
-        let mut pixels = device.buffer("film.frame", plan.frame_len())?;
-        let mut rec = device.recorder()?;
-        renderer.forward(&mut rec, &plan, None, model.background, FrameMut { clip: &mut pixels, index: 0 })?;
+        let state = self.field.at(shot.time)?;
+        let plan = self.renderer.plan(&state, &shot.camera, Prune::Keep)?;
+        let mut pixels = self.device.buffer("film.frame", plan.frame_len())?;
+        let mut rec = self.device.recorder()?;
+        let clean = FrameMut { clip: &mut pixels, index: 0 };
+        self.renderer.forward(&mut rec, &plan, None, self.background, clean)?;
         rec.submit()?;
         let Difference { limited, counted } = difference(shot.frame, &pixels.read()?);
-        for (data, sum) in [(&limited, &mut sums.residual), (&counted, &mut sums.response)] {
-            let v_frame = device.buffer_from("film.v_frame", data)?;
-            let mut rec = device.recorder()?;
-            let mut v_offsets = rec.zeros("film.v_offsets", offsets.len())?;
-            let of_plan = Offsets { data: &offsets, bases };
+        for (data, sum) in [(&limited, &mut self.sums.residual), (&counted, &mut self.sums.response)] {
+            let v_frame = self.device.buffer_from("film.v_frame", data)?;
+            let mut rec = self.device.recorder()?;
+            let mut v_offsets = rec.zeros("film.v_offsets", self.offsets.len())?;
+            let of_plan = Offsets { data: &self.offsets, bases: BASES };
             let frame = FrameOfClip { clip: &v_frame, index: 0 };
-            renderer.backward(&mut rec, &plan, of_plan, frame, &mut v_offsets)?;
+            self.renderer.backward(&mut rec, &plan, of_plan, frame, &mut v_offsets)?;
             rec.submit()?;
-            for (sum, v) in sum.iter_mut().zip(v_offsets.read()?.chunks_exact(row)) {
+            for (sum, v) in sum.iter_mut().zip(v_offsets.read()?.chunks_exact(BASES.floats())) {
                 *sum += v[..CHANNELS].iter().map(|v| f64::from(*v)).sum::<f64>();
             }
         }
+        Ok(())
     }
-    Ok(sums)
+
+    /// What all frames said.
+    #[must_use]
+    pub fn into_evidence(self) -> SplatEvidence {
+        self.sums
+    }
 }
 
 fn check_size(shot: &Shot<'_>) -> Result<(), EngineError> {

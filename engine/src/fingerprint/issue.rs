@@ -1,7 +1,7 @@
 //! An issue: one release of an asset, whose copies are told apart.
 
 use super::chips::{ChipMap, OCTAVES};
-use super::code::{Bias, Code, CopyKey};
+use super::code::{Code, CopyKey, Position};
 use super::film::SplatEvidence;
 use crate::base::digest::Digest;
 use crate::base::numbers::narrow;
@@ -49,6 +49,12 @@ impl<'a> Issue<'a> {
         self.room.iter().map(|room| room.min(self.strength))
     }
 
+    /// The unstamped asset.
+    #[must_use]
+    pub fn model(&self) -> &'a Model {
+        self.model
+    }
+
     /// The code of its copies.
     #[must_use]
     pub fn code(&self) -> &Code {
@@ -66,10 +72,10 @@ impl<'a> Issue<'a> {
     ///
     /// # Equation
     /// `Y0·Δ = strength · Σ_octaves amplitude · g(x − μ)`, for the splat's chip x of each octave, see
-    /// [`Bias::offsets`].
+    /// [`Code::offsets`].
     #[must_use]
     pub fn stamp(&self, copy: u64) -> Vec<f32> {
-        let offsets: Vec<f64> = self.code.values(&self.copy_key(copy), Bias::offsets).collect();
+        let offsets: Vec<f64> = self.code.offsets(&self.copy_key(copy)).collect();
         let mut sh_coeffs = self.model.gaussians.sh_coeffs.clone();
         let splats = self.chips.of_splats().iter().zip(self.strengths());
         for (row, (chips, strength)) in sh_coeffs.chunks_exact_mut(SH_FLOATS).zip(splats) {
@@ -102,8 +108,11 @@ impl<'a> Issue<'a> {
                 response[*chip] += moved * moved * splats.response[splat];
             }
         }
-        let mean = |(bias, response): (&Bias, &f64)| response * (2.0 * bias.probability() - 1.0);
-        let expected: Vec<f64> = self.code.biases().iter().zip(&response).map(mean).collect();
+        let mean = |(position, response): (&Position, &f64)| match position {
+            Position::OfCopy(bias) => response * (2.0 * bias.probability() - 1.0),
+            Position::Shared(_) => 0.0,
+        };
+        let expected: Vec<f64> = self.code.positions().iter().zip(&response).map(mean).collect();
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let length = dot(&expected, &expected);
         let share = if length > 0.0 { dot(&evidence, &expected) / length } else { 0.0 };

@@ -7,4 +7,5 @@ pub mod code;
 pub mod fidelity;
 pub mod film;
 pub mod issue;
+pub mod power;
 pub mod trace;

@@ -1,12 +1,17 @@
 //! Which copies a film shows: all of them are scored on the device, and the best once more in full on the host.
 
+use std::ops::Range;
+
 use guard4d_kernels::code::copy_score::{self, BLOCK_CHIPS, Chips, KEY_WORDS};
 use guard4d_kernels::{Buffer, Device};
 
-use super::code::Bias;
+use serde::Serialize;
+
+use super::code::Position;
 use super::issue::Issue;
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
+use crate::evidence::score_tail::ScoreTail;
 
 /// Copies that are scored in one go: their keys take 8 MiB.
 const AT_ONCE: u64 = 1 << 18;
@@ -26,69 +31,124 @@ pub struct Scored {
     pub log_p_estimate: f64,
 }
 
-/// Scores copies 0 to `copies` of an issue against `evidence`, a number for each chip. Returns the best, best first.
-///
-/// # Errors
-/// [`EngineError::Usage`] unless there is one number for each chip; when memory runs out or the device fails.
-pub fn best_copies(
-    device: &Device,
-    issue: &Issue<'_>,
-    evidence: &[f64],
-    copies: u64,
-) -> Result<Vec<Scored>, EngineError> {
-    let chance = issue.code().by_chance(evidence)?;
-    let mut best: Vec<(f32, u64)> = Vec::new();
-    let table = Table::new(device, issue, evidence)?;
-    let mut first = 0;
-    while first < copies {
-        let numbers = first..copies.min(first + AT_ONCE);
-        first = numbers.end;
-        best.extend(table.scores(issue, numbers.clone())?.into_iter().zip(numbers));
-        best.sort_by(|a, b| b.0.total_cmp(&a.0));
-        best.truncate(LOOKED_AT);
-    }
-    let deviation = chance.deviation();
-    let in_full = |(_, copy): (f32, u64)| {
-        let score = issue.code().score(evidence, &issue.copy_key(copy))?;
-        let tail = chance.log_tail(score);
-        let any = |log_p: f64| (log_p + (copies as f64).ln()).min(0.0);
-        let [log_p_family, log_p_estimate] = [tail.bound, tail.estimate].map(any);
-        Ok(Scored { copy, score: score / deviation, log_p_family, log_p_estimate })
-    };
-    let mut scored = best.into_iter().map(in_full).collect::<Result<Vec<_>, EngineError>>()?;
-    scored.sort_by(|a, b| b.score.total_cmp(&a.score));
-    Ok(scored)
+/// First of the numbers that no copy ever has: what they score is what chance does.
+const DECOYS_FROM: u64 = 1 << 40;
+
+/// What scores by chance look like, of copies that were never made.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Decoys {
+    /// How many were scored.
+    pub count: u64,
+    /// Mean score, in standard deviations: 0 but for chance.
+    pub mean: f64,
+    /// Mean square of the score: 1 but for chance.
+    pub variance: f64,
+    /// The largest.
+    pub largest: f64,
 }
 
-/// What all copies' chips are counted by, on the device.
-struct Table {
+/// Scores copies of an issue against evidence.
+#[derive(Debug)]
+pub struct Scorer<'a> {
     device: Device,
+    issue: &'a Issue<'a>,
+    evidence: &'a [f64],
+    chance: ScoreTail,
     biases: Buffer<u32>,
     weights: Buffer<f32>,
+    /// What every score has besides: that of all chips at −1.
+    base: f64,
 }
 
-impl Table {
-    /// A chip of +1 counts its evidence times how far its symbol is from that of −1; what all copies share is left out.
-    fn new(device: &Device, issue: &Issue<'_>, evidence: &[f64]) -> Result<Self, EngineError> {
-        let positions = issue.code().biases();
+impl<'a> Scorer<'a> {
+    /// A chip of +1 counts its evidence times how far its symbol is from that of −1; shared chips count nothing.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] unless there is one number for each chip; when memory runs out or the device fails.
+    pub fn new(device: &Device, issue: &'a Issue<'a>, evidence: &'a [f64]) -> Result<Self, EngineError> {
+        let chance = issue.code().by_chance(evidence)?;
+        let mut base = 0.0;
+        let positions = issue.code().positions();
         let padded = positions.len().next_multiple_of(BLOCK_CHIPS).max(BLOCK_CHIPS);
-        let mut biases: Vec<u32> = positions.iter().map(|bias| u32::from(bias.steps())).collect();
-        let weight = |(bias, c): (&Bias, &f64)| {
-            let [plus, minus] = bias.symbols();
-            narrow(c * (plus - minus))
+        let mut term = |(position, c): (&Position, &f64)| match position {
+            Position::OfCopy(bias) => {
+                let [plus, minus] = bias.symbols();
+                base += c * minus;
+                (u32::from(bias.steps()), narrow(c * (plus - minus)))
+            }
+            Position::Shared(_) => (0, 0.0),
         };
-        let mut weights: Vec<f32> = positions.iter().zip(evidence).map(weight).collect();
+        let (mut biases, mut weights): (Vec<u32>, Vec<f32>) = positions.iter().zip(evidence).map(&mut term).unzip();
         biases.resize(padded, 0);
         weights.resize(padded, 0.0);
         Ok(Self {
             device: device.clone(),
+            issue,
+            evidence,
+            chance,
+            base,
             biases: device.buffer_from("trace.biases", &biases)?,
             weights: device.buffer_from("trace.weights", &weights)?,
         })
     }
 
-    fn scores(&self, issue: &Issue<'_>, copies: std::ops::Range<u64>) -> Result<Vec<f32>, EngineError> {
-        let keys: Vec<u32> = copies.flat_map(|copy| issue.copy_key(copy).words()).collect();
+    /// The best of these copies, best first. All of them count as looked at.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub fn best(&self, copies: Range<u64>) -> Result<Vec<Scored>, EngineError> {
+        let looked_at = copies.end.saturating_sub(copies.start);
+        let mut best: Vec<(f32, u64)> = Vec::new();
+        let mut first = copies.start;
+        while first < copies.end {
+            let numbers = first..copies.end.min(first + AT_ONCE);
+            first = numbers.end;
+            best.extend(self.scores(numbers.clone())?.into_iter().zip(numbers));
+            best.sort_by(|a, b| b.0.total_cmp(&a.0));
+            best.truncate(LOOKED_AT);
+        }
+        let in_full = |(_, copy): (f32, u64)| {
+            let score = self.issue.code().score(self.evidence, &self.issue.copy_key(copy))?;
+            let tail = self.chance.log_tail(score);
+            let any = |log_p: f64| (log_p + (looked_at as f64).ln()).min(0.0);
+            let [log_p_family, log_p_estimate] = [tail.bound, tail.estimate].map(any);
+            Ok(Scored { copy, score: score / self.chance.deviation(), log_p_family, log_p_estimate })
+        };
+        let mut scored = best.into_iter().map(in_full).collect::<Result<Vec<_>, EngineError>>()?;
+        scored.sort_by(|a, b| b.score.total_cmp(&a.score));
+        Ok(scored)
+    }
+
+    /// What `count` copies that were never made score.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub fn decoys(&self, count: u64) -> Result<Decoys, EngineError> {
+        let scores = self.decoy_scores(count)?;
+        let n = scores.len().max(1) as f64;
+        let sum = |of: fn(f64) -> f64| scores.iter().map(|score| of(*score)).sum::<f64>() / n;
+        let largest = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        Ok(Decoys { count: scores.len() as u64, mean: sum(|t| t), variance: sum(|t| t * t), largest })
+    }
+
+    /// The scores of `count` copies that were never made, in standard deviations.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub fn decoy_scores(&self, count: u64) -> Result<Vec<f64>, EngineError> {
+        let deviation = self.chance.deviation();
+        let scores = self.scores(DECOYS_FROM..DECOYS_FROM + count.min(AT_ONCE))?;
+        Ok(scores.into_iter().map(|score| (f64::from(score) + self.base) / deviation).collect())
+    }
+
+    /// How scores are distributed by chance.
+    #[must_use]
+    pub fn chance(&self) -> &ScoreTail {
+        &self.chance
+    }
+
+    fn scores(&self, copies: Range<u64>) -> Result<Vec<f32>, EngineError> {
+        let keys: Vec<u32> = copies.flat_map(|copy| self.issue.copy_key(copy).words()).collect();
         let mut scores = self.device.buffer("trace.scores", keys.len() / KEY_WORDS)?;
         let keys = self.device.buffer_from("trace.keys", &keys)?;
         let chips = Chips { biases: &self.biases, weights: &self.weights };

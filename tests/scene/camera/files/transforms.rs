@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::{Mat4, Vec2, Vec3};
 use guard4d_engine::error::EngineError;
-use guard4d_engine::scene::{Camera, CameraSet, FrameSize};
+use guard4d_engine::scene::{Camera, CameraSet, FrameSize, View};
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -240,5 +240,39 @@ proptest! {
         let rows: Vec<&[f64]> = values.chunks(4).collect();
         let file = json!({ "camera_angle_x": angle, "frames": [{ "time": time, "transform_matrix": rows }] });
         drop(parse(&file));
+    }
+}
+
+#[test]
+fn a_films_cameras_come_back_in_its_order() {
+    let pose =
+        |x: f32| Mat4::from_rotation_x(0.3) * Mat4::from_rotation_z(x) * Mat4::from_translation(Vec3::new(x, 4.0, 1.0));
+    let camera = |x: f32, width: u32| Camera {
+        world_to_camera: pose(x),
+        fx: 410.5,
+        fy: 398.25,
+        cx: 201.125,
+        cy: 140.75,
+        width,
+        height: 300,
+    };
+    // The first camera comes again behind others: grouped by camera, the film would have another order.
+    let shots =
+        [(camera(0.1, 400), 0.0f32), (camera(0.7, 400), 1.0 / 3.0), (camera(0.1, 400), 0.9), (camera(0.1, 320), 0.2)];
+    let views = shots.map(|(camera, time)| View { name: String::new(), camera, times: vec![time] });
+    let film = CameraSet { views: views.to_vec(), in_sequence: true };
+    let back = CameraSet::parse(Path::new("film.json"), &film.film_json(), size(8, 8)).expect("transforms");
+    let clips = back.clips();
+    assert_eq!(clips.len(), 1, "one film");
+    assert_eq!(clips[0].len(), shots.len());
+    for ((camera, time), (again, time_again)) in shots.iter().zip(&clips[0]) {
+        assert_eq!(time, time_again);
+        let lens = |c: &Camera| (c.fx, c.fy, c.cx, c.cy, c.width, c.height);
+        assert_eq!(lens(camera), lens(again));
+        for point in [Vec3::ZERO, Vec3::ONE, Vec3::new(-0.5, 0.2, 0.9)] {
+            let pixel = |c: &Camera| c.project(point).expect("in front").0;
+            // f32 holds a hundred thousandth of a pixel at four hundred.
+            assert_near(pixel(camera).extend(0.0), pixel(again).extend(0.0), 1e-3);
+        }
     }
 }

@@ -2,13 +2,16 @@
 
 use std::path::Path;
 
+use glam::{DMat3, DVec3};
 use serde::Deserialize;
+use serde_json::json;
 
 use super::grouped::Grouped;
 use super::reader::Reader;
 use crate::base::files::{bad_data, read_file};
+use crate::base::json::to_file;
 use crate::error::EngineError;
-use crate::scene::camera::cameras::{Camera, CameraSet};
+use crate::scene::camera::cameras::{Camera, CameraSet, View};
 
 /// Files of one D-NeRF dataset. Its times are divided by the largest of the first two, whichever file is read.
 const DATASET: [&str; 3] = ["transforms_train.json", "transforms_test.json", "transforms_val.json"];
@@ -22,6 +25,9 @@ struct Transforms {
     #[serde(flatten)]
     lens: Lens,
     frames: Vec<Frame>,
+    /// Ours: the frames are those of one film, in its order.
+    #[serde(default)]
+    in_sequence: bool,
 }
 
 /// What nerfstudio keeps for all frames or in each.
@@ -93,6 +99,7 @@ pub(super) fn read(
     let least = dataset_end.filter(|end| *end > 0.0).unwrap_or(1.0);
     let times = reader.times(&times, |number| format!("frames[{number}].time"), least)?;
     let mut grouped = Grouped::default();
+    let mut film = Vec::new();
     for (number, (frame, time)) in file.frames.into_iter().zip(times).enumerate() {
         let of = format!("frames[{number}].");
         let lens = match frame.lens == Lens::default() {
@@ -101,9 +108,48 @@ pub(super) fn read(
         };
         let world_to_camera = reader.opengl_pose(format!("{of}transform_matrix"), &frame.transform_matrix)?;
         let name = frame.file_path.unwrap_or_else(|| format!("frame_{number:05}"));
-        grouped.add(name, Camera { world_to_camera, ..lens }, time);
+        let camera = Camera { world_to_camera, ..lens };
+        if file.in_sequence {
+            film.push(View { name, camera, times: time.into_iter().collect() });
+        } else {
+            grouped.add(name, camera, time);
+        }
     }
-    reader.set(grouped.views)
+    let views = if file.in_sequence { film } else { grouped.views };
+    Ok(CameraSet { in_sequence: file.in_sequence, ..reader.set(views)? })
+}
+
+impl CameraSet {
+    /// The cameras and times of a film's frames as transforms JSON, which [`CameraSet::open`] reads back: the same
+    /// pixels to some 1e-5 px, and the same times. Each frame has a lens of its own.
+    #[must_use]
+    pub fn film_json(&self) -> Vec<u8> {
+        let frames: Vec<_> = self.clips().concat().iter().enumerate().map(|(n, shot)| frame_json(n, *shot)).collect();
+        to_file(&json!({ "in_sequence": true, "frames": frames }))
+    }
+}
+
+/// One frame of [`CameraSet::film_json`].
+fn frame_json(number: usize, (camera, time): (Camera, f32)) -> serde_json::Value {
+    let pose = camera.world_to_camera.as_dmat4();
+    let turn = DMat3::from_mat4(pose).transpose();
+    let position = -(turn * pose.w_axis.truncate());
+    // OpenGL's y and z point the other way.
+    let axes = turn * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+    let row = |i: usize| [axes.x_axis[i], axes.y_axis[i], axes.z_axis[i], position[i]];
+    let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx, camera.cy].map(f64::from);
+    json!({
+        "file_path": format!("frame_{number:05}"),
+        "time": time,
+        "w": camera.width,
+        "h": camera.height,
+        "fl_x": fx,
+        "fl_y": fy,
+        // Such files count pixel edges, cameras count pixel centres.
+        "cx": cx + 0.5,
+        "cy": cy + 0.5,
+        "transform_matrix": [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
+    })
 }
 
 impl Lens {

@@ -1,0 +1,111 @@
+//! `guard4d trace`
+
+use std::path::PathBuf;
+
+use clap::Args;
+use guard4d_engine::base::output::{AtomicFile, Existing};
+use guard4d_engine::detect::trace::{DEFAULT_FPR, Gathered, KnownFilm, Report, TraceRequest, gather, judge};
+use guard4d_engine::device::Device;
+use guard4d_engine::error::EngineError;
+use guard4d_engine::fingerprint::issue::Issue;
+use guard4d_engine::media::FrameSource;
+use guard4d_engine::release::ledger::Ledger;
+use guard4d_engine::scene::{CameraSet, FrameSize};
+
+use crate::flags::common::Common;
+use crate::shared::farm_job::FarmJob;
+use crate::shared::media::read_options;
+use crate::shared::{device, model};
+use crate::ui::outcome::Outcome;
+use crate::ui::progress::bar;
+use crate::ui::report::print;
+use crate::ui::stop;
+use crate::ui::tracing_report::human;
+
+/// What leaked, and what it is compared with.
+#[derive(Args, Debug)]
+pub(crate) struct TraceArgs {
+    /// Films of one leak, or one leaked asset
+    ///
+    /// A film is a folder of PNG, JPEG or OpenEXR frames, or a video. Films add up.
+    #[arg(required = true, value_name = "LEAK")]
+    leaks: Vec<PathBuf>,
+    /// The model that copies were stamped from
+    #[arg(long, value_name = "MODEL")]
+    original: PathBuf,
+    /// The issue's ledger
+    #[arg(long, value_name = "FILE")]
+    ledger: PathBuf,
+    /// Camera and time of each frame, as `render --save-cameras` writes them; once for each film
+    #[arg(long, value_name = "FILE")]
+    cameras: Vec<PathBuf>,
+    /// Largest probability that anybody is named by chance
+    #[arg(long, value_name = "P", default_value_t = DEFAULT_FPR)]
+    fpr: f64,
+    /// Score numbers up to this, where the ledger was lost and knows fewer
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    copies: u64,
+}
+
+pub(crate) const FARM: FarmJob = FarmJob {
+    command: "trace",
+    has_input: true,
+    needs_device: true,
+    arguments: |row, _| vec!["--".to_owned(), row.input.clone()],
+    reserved: &[],
+    keep: |path, report| {
+        let text = serde_json::to_vec_pretty(&report).expect("it came as JSON");
+        AtomicFile::write(path, Existing::Replace, &text)?;
+        // Who is named is in the file alone.
+        Ok(serde_json::json!({ "verdict": report["verdict"], "best_score": report["best_score"] }))
+    },
+    trial: None,
+};
+
+pub(crate) fn run(args: &TraceArgs, common: &Common) -> Result<Outcome, EngineError> {
+    stop::listen(common);
+    if !(args.fpr > 0.0 && args.fpr < 1.0) {
+        return Err(EngineError::Usage {
+            what: "--fpr".to_owned(),
+            got: args.fpr.to_string(),
+            expected: "a probability between 0 and 1".to_owned(),
+        });
+    }
+    let ledger = Ledger::open(&args.ledger)?;
+    let original = model::open_in_kind(&args.original, common)?;
+    ledger.check_original(original.digest(), original.gaussians.len())?;
+    let issue = Issue::new(&original, ledger.prf(), ledger.terms().strength);
+    let device = device::open(common)?;
+    let gathered = films(args, &device, &issue, common)?;
+    let request = TraceRequest { device: &device, issue: &issue, ledger: &ledger, copies: args.copies, fpr: args.fpr };
+    let report: Report = judge(&request, &gathered)?;
+    print(common, &report, human)?;
+    Ok(Outcome::Traced(report.verdict))
+}
+
+/// What films say.
+fn films(args: &TraceArgs, device: &Device, issue: &Issue<'_>, common: &Common) -> Result<Gathered, EngineError> {
+    let paths = &args.leaks;
+    if args.cameras.len() != paths.len() {
+        return Err(EngineError::Usage {
+            what: "--cameras".to_owned(),
+            got: format!("{} for {} films", args.cameras.len(), paths.len()),
+            expected: "one for each film, in their order".to_owned(),
+        });
+    }
+    let open = |path: &PathBuf| FrameSource::open(path, &read_options());
+    let sources = paths.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+    let known = paths.iter().zip(&sources).zip(&args.cameras);
+    let known = known.map(|((path, source), cameras)| {
+        let (width, height) = source.size_px()?;
+        KnownFilm::new(path, source, &CameraSet::open(cameras, FrameSize::new(width, height)?)?)
+    });
+    let films = known.collect::<Result<Vec<_>, EngineError>>()?;
+    let progress = bar(common, films.iter().map(|film| film.shots.len() as u64).sum());
+    let gathered = gather(device, issue, &films, &mut || {
+        progress.inc(1);
+        stop::check()
+    })?;
+    progress.finish_and_clear();
+    Ok(gathered)
+}

@@ -1,0 +1,262 @@
+//! Copies are stamped, one is filmed from where nobody expected it, and its recipient is named: `stamp`, `ledger`,
+//! `render --save-cameras` and `trace`.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use guard4d_engine::scene::demo::DemoScene;
+use guard4d_engine::scene::{Model, ply};
+use serde_json::Value;
+
+use super::{Run, guard4d, names, scratch};
+use crate::support::fixture::gaussians;
+use crate::support::gpu::device;
+
+fn json(run: &Run) -> Value {
+    serde_json::from_str(&run.stdout).unwrap_or_else(|e| panic!("{e} in:\n{}", run.stdout))
+}
+
+/// The built-in scene with three copies, and a place for films.
+struct Show {
+    folder: tempfile::TempDir,
+    scene: DemoScene,
+}
+
+impl Show {
+    fn new() -> Self {
+        let show = Self { folder: scratch(), scene: DemoScene::unpack().expect("the scene unpacks") };
+        let run = show.stamp("ana,bo,cleo", "copies", &[]);
+        run.done();
+        assert!(run.stderr.contains("is a secret"), "{}", run.stderr);
+        show
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn stamp(&self, to: &str, out: &str, more: &[&str]) -> Run {
+        let (ledger, out) = (self.at("show.ledger"), self.at(out));
+        let mut args: Vec<&dyn AsRef<std::ffi::OsStr>> = Vec::new();
+        let scene = self.scene.path();
+        args.extend([&"stamp" as &dyn AsRef<_>, &scene, &"--ledger", &ledger, &"--to", &to, &"--out", &out]);
+        args.extend(more.iter().map(|word| word as &dyn AsRef<_>));
+        guard4d(&args)
+    }
+
+    /// Films a model from 70 degrees above, as no usual camera does.
+    fn film(&self, model: &Path, name: &str) {
+        let (out, cameras) = (self.at(name), self.at("cameras.json"));
+        guard4d(&[
+            &"render",
+            &model,
+            &"--orbit",
+            &"8",
+            &"--frames",
+            &"1",
+            &"--elevation",
+            &"70",
+            &"--size",
+            &"240x240",
+            &"--out",
+            &out,
+            &"--save-cameras",
+            &cameras,
+            &"-w",
+        ])
+        .done();
+    }
+
+    fn trace(&self, leak: &str, more: &[&str]) -> Run {
+        let (leak, ledger, cameras) = (self.at(leak), self.at("show.ledger"), self.at("cameras.json"));
+        let scene = self.scene.path();
+        let mut args: Vec<&dyn AsRef<std::ffi::OsStr>> = Vec::new();
+        args.extend([&"trace" as &dyn AsRef<_>, &leak, &"--original", &scene, &"--ledger", &ledger]);
+        args.extend([&"--cameras" as &dyn AsRef<_>, &cameras]);
+        args.extend(more.iter().map(|word| word as &dyn AsRef<_>));
+        guard4d(&args)
+    }
+}
+
+#[test]
+fn a_film_from_above_names_the_recipient_and_an_unmarked_one_nobody() {
+    if device().is_none() {
+        return;
+    }
+    let show = Show::new();
+    show.film(&show.at("copies/bo"), "leak");
+    let run = show.trace("leak", &[]);
+    run.done();
+    assert!(
+        run.stdout.contains("copy 2 of bo contributed") && run.stdout.contains("not the probability"),
+        "{}",
+        run.stdout
+    );
+    let found = json(&show.trace("leak", &["--json"]));
+    assert_eq!(
+        (&found["verdict"], &found["frames"], &found["copies_scored"]),
+        (&"traced".into(), &8.into(), &3.into())
+    );
+    let named = found["copies"].as_array().expect("a list");
+    assert_eq!((named.len(), &named[0]["recipient"], &named[0]["copy"]), (1, &"bo".into(), &2.into()));
+    let p = |value: &Value| value.as_f64().expect("a number");
+    assert!(p(&named[0]["p_family"]) < 1e-6 && p(&found["owner"]["p"]) < 1e-3, "{found}");
+    // 10,000 decoys: four deviations of their mean and of their mean square.
+    let decoys = &found["decoys"];
+    assert!(p(&decoys["mean"]).abs() < 0.04 && (p(&decoys["variance"]) - 1.0).abs() < 0.06, "{decoys}");
+    // A ledger that knows nobody: all numbers up to the tenth are looked at, and one has no name.
+    let scored = json(&show.trace("leak", &["--json", "--copies", "10"]));
+    assert_eq!((&scored["copies_scored"], &scored["copies"][0]["copy"]), (&10.into(), &2.into()));
+
+    show.film(show.scene.path(), "clean");
+    let run = show.trace("clean", &["--json"]);
+    let found = json(&run);
+    assert_eq!((run.code, &found["verdict"]), (1, &"none".into()), "{found}");
+    assert_eq!(found["copies"].as_array().expect("a list").len(), 0);
+    assert!(p(&found["owner"]["p"]) > 1e-3, "{found}");
+    // Under so much noise a copy would not be found, so that its absence says nothing.
+    let (clean, noisy) = (show.at("clean"), show.at("noisy"));
+    guard4d(&[&"attack", &clean, &"--apply", &"noise:0.5", &"--out", &noisy]).done();
+    let run = show.trace("noisy", &[]);
+    assert_eq!(run.code, 4, "{}", run.stdout);
+    assert!(run.stdout.contains("INCONCLUSIVE"), "{}", run.stdout);
+}
+
+#[test]
+fn copies_differ_in_base_colours_alone_and_come_out_the_same_again() {
+    if device().is_none() {
+        return;
+    }
+    let show = Show::new();
+    let open = |path: &Path| Model::open(path).expect("a model");
+    let (original, copy) = (open(show.scene.path()), open(&show.at("copies/ana")));
+    assert_eq!(original.gaussians.means, copy.gaussians.means);
+    let rows = original.gaussians.sh_coeffs.chunks_exact(48).zip(copy.gaussians.sh_coeffs.chunks_exact(48));
+    let (mut changed, mut others) = (0, 0);
+    for (before, after) in rows {
+        changed += usize::from(before[..3] != after[..3]);
+        others += usize::from(before[3..] != after[3..]);
+    }
+    assert!(changed > original.gaussians.len() / 2 && others == 0, "{changed} and {others}");
+    // With the original's base colours back, every byte is the original's.
+    let words = copy.words_of(&original.gaussians.sh_coeffs).expect("words");
+    assert_eq!(copy.digest_with(&words), original.digest(), "stamped out again");
+
+    // The same copies again, and a second time for nobody.
+    let hash = |run: &Run| json(run)["copies"][0]["hash"].clone();
+    let again = show.stamp("ana", "again", &["--again", "--json"]);
+    again.done();
+    assert_eq!(hash(&again), Value::from(copy.digest().to_string()));
+    show.stamp("ana", "third", &[]).refused(65, &["ana has copy 1", "--again"]);
+    show.stamp("dora,../ana", "third", &[]).refused(2, &["../ana", "without a path"]);
+    show.stamp("dora,Dora", "third", &[]).refused(2, &["Dora twice"]);
+    // Dora has no copy there, though something is in the way of Ana's.
+    show.stamp("dora,ana", "again", &["--again"]).refused(73, &["ana", "--overwrite"]);
+    assert_eq!(names(&show.at("again")), ["ana"]);
+    assert!(!show.at("third").exists(), "nothing is left of what was refused");
+    // Another asset than the ledger's.
+    let other = show.at("other.ply");
+    fs::write(&other, ply::encode(&gaussians(40, 1, 3))).expect("writable");
+    let stamp =
+        guard4d(&[&"stamp", &other, &"--ledger", &show.at("show.ledger"), &"--to", &"eve", &"--out", &show.at("x")]);
+    stamp.refused(65, &["show.ledger", "splats of the original", "40"]);
+    let list = json(&guard4d(&[&"ledger", &"list", &show.at("show.ledger"), &"--json"]));
+    let named: Vec<&str> =
+        list.as_array().expect("a list").iter().filter_map(|copy| copy["recipient"].as_str()).collect();
+    assert_eq!(named, ["ana", "bo", "cleo", "dora"], "dora's number is kept for her");
+}
+
+#[test]
+fn cameras_that_do_not_fit_the_film_are_told() {
+    if device().is_none() {
+        return;
+    }
+    let show = Show::new();
+    show.film(&show.at("copies/bo"), "leak");
+    fs::remove_file(show.at("leak/00007.png")).expect("a frame");
+    show.trace("leak", &[]).refused(2, &["cameras of", "leak", "8", "one for each of 7 frames"]);
+    show.trace("nowhere", &[]).refused(66, &["nowhere", "not found"]);
+    fs::create_dir(show.at("empty")).expect("a folder");
+    show.trace("empty", &[]).refused(65, &["empty"]);
+    let wide = show.at("wide");
+    guard4d(&[
+        &"render",
+        &show.scene.path(),
+        &"--orbit",
+        &"8",
+        &"--frames",
+        &"1",
+        &"--size",
+        &"320x240",
+        &"--out",
+        &wide,
+    ])
+    .done();
+    show.trace("wide", &[]).refused(2, &["240x240 pixels", "the shape of 320x240"]);
+    show.trace("leak", &["--fpr", "0"]).refused(2, &["--fpr", "between 0 and 1"]);
+    guard4d(&[&"trace", &wide, &"--original", &show.scene.path(), &"--ledger", &show.at("show.ledger")])
+        .refused(2, &["--cameras", "0 for 1 films"]);
+    guard4d(&[&"trace", &wide, &"--original", &show.scene.path(), &"--ledger", &wide.join("no.ledger")])
+        .refused(66, &["no.ledger", "guard4d stamp"]);
+}
+
+#[test]
+fn a_ledger_is_asked_exported_and_committed_to() {
+    if device().is_none() {
+        return;
+    }
+    let show = Show::new();
+    let ledger = show.at("show.ledger");
+    let add = guard4d(&[&"ledger", &"add", &ledger, &"dora", &"emil", &"--json"]);
+    add.done();
+    assert_eq!(json(&add)[1]["copy"], Value::from(5));
+    let shown = json(&guard4d(&[&"ledger", &"show", &ledger, &"--json"]));
+    assert_eq!((&shown["copies"], &shown["written"]), (&5.into(), &3.into()));
+    let secret = fs::read(&ledger).expect("readable");
+    assert!(!secret.is_empty() && !shown.to_string().contains("secret"), "{shown}");
+    let bo = json(&guard4d(&[&"ledger", &"show", &ledger, &"bo", &"--json"]));
+    let by_hash = guard4d(&[&"ledger", &"show", &ledger, &bo["hash"].as_str().expect("a hash"), &"--json"]);
+    assert_eq!(json(&by_hash), bo);
+    guard4d(&[&"ledger", &"show", &ledger, &"zoe"]).refused(2, &["zoe", "show.ledger"]);
+    for (name, start) in [("out.csv", "copy,recipient"), ("out.json", "[")] {
+        guard4d(&[&"ledger", &"export", &ledger, &"--out", &show.at(name)]).done();
+        assert!(fs::read_to_string(show.at(name)).expect("readable").starts_with(start), "{name}");
+    }
+    guard4d(&[&"ledger", &"export", &ledger, &"--out", &show.at("out.txt")]).refused(2, &["out.txt", ".csv or .json"]);
+    let root = show.at("root.json");
+    guard4d(&[&"ledger", &"commit", &ledger, &"--out", &root]).done();
+    // Any root can be dated.
+    guard4d(&[&"timestamp", &"request", &root, &"--out", &show.at("root.tsq")]).done();
+    let clone = show.at("clone.ledger");
+    fs::copy(&ledger, &clone).expect("copied");
+    guard4d(&[&"ledger", &"add", &clone, &"fay"]).done();
+    let merged = guard4d(&[&"ledger", &"merge", &ledger, &clone]);
+    merged.done();
+    assert!(merged.stderr.contains("1 new"), "{}", merged.stderr);
+}
+
+#[test]
+fn a_file_of_splats_becomes_a_file_for_each_recipient() {
+    if device().is_none() {
+        return;
+    }
+    let folder = scratch();
+    let at = |name: &str| folder.path().join(name);
+    fs::write(at("scene.ply"), ply::encode(&gaussians(300, 1, 5))).expect("writable");
+    fs::write(at("list.csv"), "recipient,mail\nana,a@x\nbo,b@x\n").expect("writable");
+    let run = guard4d(&[
+        &"stamp",
+        &at("scene.ply"),
+        &"--ledger",
+        &at("l"),
+        &"--recipients",
+        &at("list.csv"),
+        &"--out",
+        &at("copies"),
+    ]);
+    run.done();
+    assert_eq!(names(&at("copies")), ["ana.ply", "bo.ply"]);
+    let [original, ana, bo] =
+        ["scene.ply", "copies/ana.ply", "copies/bo.ply"].map(|name| fs::read(at(name)).expect("readable"));
+    assert!(original.len() == ana.len() && ana != bo && ana != original);
+}
