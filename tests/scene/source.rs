@@ -3,7 +3,7 @@
 use guard4d_engine::scene::ply::encode;
 
 use super::assert_refused;
-use super::formats::open_bytes;
+use super::formats::{golden_bytes, moved, open_bytes, open_bytes_in_kind};
 use crate::support::fixture;
 
 #[test]
@@ -29,4 +29,23 @@ fn splats_that_cannot_be_drawn_are_left_out_and_kept() {
     let mut all = fixture::gaussians(2, 0, 1);
     all.opacities.fill(f32::NAN);
     assert_refused(open_bytes("none.ply", &encode(&all)), &["2, all with values that are not finite"]);
+}
+
+#[test]
+fn formats_that_round_are_written_in_kind_only_when_asked_to() {
+    for name in ["scene.v3.spz", "scene.compressed.ply", "scene.sog"] {
+        let file = golden_bytes(name);
+        let [asked, plain] = [open_bytes_in_kind(name, &file), open_bytes(name, &file)].map(|model| model.expect(name));
+        let named = |model: &guard4d_engine::scene::Model| model.sources()[0].path().file_name().map(ToOwned::to_owned);
+        assert!(!asked.sources()[0].is_imported() && plain.sources()[0].is_imported(), "{name}");
+        assert_eq!(named(&asked).expect("a name"), name, "what a copy is called");
+        assert!(plain.sources()[0].bytes().starts_with(b"ply\n"), "{name}: floats");
+        assert_eq!(asked.sources()[0].format(), plain.sources()[0].format(), "{name}");
+        assert_eq!((asked.sources()[0].rows(), asked.is_rgb()), (300, false), "{name}");
+        let words = asked.words_of(&moved(&asked, 0.02)).expect("they fit");
+        assert_eq!(words.len(), asked.sources()[0].num_words().expect("they can be counted"), "{name}");
+        let copy = open_bytes(name, &asked.with_words(&words)[0]).expect("a copy");
+        assert_eq!(copy.sources()[0].format(), asked.sources()[0].format(), "{name}: in kind");
+        assert_eq!(copy.gaussians.means, asked.gaussians.means, "{name}: the same splats");
+    }
 }

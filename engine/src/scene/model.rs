@@ -95,7 +95,8 @@ impl Model {
         }
     }
 
-    /// The same, but marked copies of an SPZ file will be SPZ files, with rounded colours, and no PLYs.
+    /// The same, but marked copies of a file whose format rounds colours (SPZ, SOG, compressed PLY, .splat) will be of
+    /// that format, with rounded colours, and no PLYs. Of SOG, compressed PLY and .splat base colours alone change.
     ///
     /// # Errors
     /// As [`Model::open`].

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use super::formats::glb::GlbFile;
+use super::formats::sog::SogFile;
+use super::formats::splat::SplatFile;
 use super::formats::splatv::SplatvFile;
 use super::formats::spz::SpzFile;
 use super::gaussians::{CHANNELS, Gaussians};
@@ -12,7 +14,7 @@ use super::trajectories::Trajectories;
 use crate::base::files::{bad_data, read_file};
 use crate::error::EngineError;
 use crate::scene::formats::{Format, import};
-use crate::scene::ply::{PlyFile, encode};
+use crate::scene::ply::{CompressedPlyFile, PlyFile, encode};
 
 /// Splats with the file that they came from.
 #[derive(Clone, Debug)]
@@ -31,6 +33,38 @@ enum File {
     Glb(GlbFile),
     Splatv(SplatvFile),
     Spz(Box<SpzFile>),
+    Splat(SplatFile),
+    CompressedPly(Box<CompressedPlyFile>),
+    Sog(Box<SogFile>),
+}
+
+impl File {
+    /// Reads a file of a format that is written in kind only when asked for, and its splats.
+    fn rounding(path: &Path, format: Format, bytes: Vec<u8>) -> Result<(Self, Gaussians), EngineError> {
+        Ok(match format {
+            Format::Spz => {
+                let file = SpzFile::parse(path, &bytes)?;
+                let gaussians = file.decode();
+                (Self::Spz(Box::new(file)), gaussians)
+            }
+            Format::Splat => {
+                let file = SplatFile::parse(path, bytes)?;
+                let gaussians = file.decode();
+                (Self::Splat(file), gaussians)
+            }
+            Format::CompressedPly => {
+                let file = CompressedPlyFile::parse(path, bytes)?;
+                let gaussians = file.decode();
+                (Self::CompressedPly(Box::new(file)), gaussians)
+            }
+            Format::Sog => {
+                let file = SogFile::parse(path, bytes)?;
+                let gaussians = file.decode();
+                (Self::Sog(Box::new(file)), gaussians)
+            }
+            Format::Ply | Format::Splatv | Format::Glb => unreachable!("{format} files are always written in kind"),
+        })
+    }
 }
 
 /// What a file held.
@@ -53,8 +87,8 @@ impl SplatSource {
         Self::parse(path, read_file(path, "a file of Gaussian splats")?)
     }
 
-    /// Reads a file whose copies are to be of its own format, also where that rounds colours: SPZ. Others are read as
-    /// ever.
+    /// Reads a file whose copies are to be of its own format, also where that rounds colours: SPZ, SOG, compressed PLY
+    /// and .splat. Others are read as ever.
     ///
     /// # Errors
     /// As [`SplatSource::open`].
@@ -90,10 +124,9 @@ impl SplatSource {
                 let (gaussians, trajectories) = file.decode();
                 (File::Splatv(file), gaussians, Some(trajectories))
             }
-            Format::Spz if in_kind => {
-                let file = SpzFile::parse(path, &bytes)?;
-                let gaussians = file.decode();
-                (File::Spz(Box::new(file)), gaussians, None)
+            _ if in_kind => {
+                let (file, gaussians) = File::rounding(path, format, bytes)?;
+                (file, gaussians, None)
             }
             _ => {
                 let gaussians = import(path, format, &bytes)?;
@@ -125,7 +158,8 @@ impl SplatSource {
         match &self.file {
             File::Ply(file) => file.comments(),
             File::Glb(file) => file.comments(),
-            File::Splatv(_) | File::Spz(_) => &[],
+            File::CompressedPly(file) => file.comments(),
+            File::Splatv(_) | File::Spz(_) | File::Splat(_) | File::Sog(_) => &[],
         }
     }
 
@@ -137,6 +171,9 @@ impl SplatSource {
             File::Glb(file) => file.path(),
             File::Splatv(file) => file.path(),
             File::Spz(file) => file.path(),
+            File::Splat(file) => file.path(),
+            File::CompressedPly(file) => file.path(),
+            File::Sog(file) => file.path(),
         }
     }
 
@@ -148,6 +185,9 @@ impl SplatSource {
             File::Glb(file) => file.bytes(),
             File::Splatv(file) => file.bytes(),
             File::Spz(file) => file.bytes(),
+            File::Splat(file) => file.bytes(),
+            File::CompressedPly(file) => file.bytes(),
+            File::Sog(file) => file.bytes(),
         }
     }
 
@@ -159,6 +199,9 @@ impl SplatSource {
             File::Glb(file) => file.splats(),
             File::Splatv(file) => file.splats(),
             File::Spz(file) => file.splats(),
+            File::Splat(file) => file.splats(),
+            File::CompressedPly(file) => file.splats(),
+            File::Sog(file) => file.splats(),
         }
     }
 
@@ -172,7 +215,7 @@ impl SplatSource {
     pub fn is_rgb(&self) -> bool {
         match &self.file {
             File::Ply(file) => file.is_rgb(),
-            File::Glb(_) | File::Spz(_) => false,
+            File::Glb(_) | File::Spz(_) | File::Splat(_) | File::CompressedPly(_) | File::Sog(_) => false,
             File::Splatv(_) => true,
         }
     }
@@ -188,6 +231,9 @@ impl SplatSource {
             File::Glb(file) => Ok(file.words(rows)),
             File::Splatv(file) => Ok(file.words(rows)),
             File::Spz(file) => Ok(file.words(rows)),
+            File::Splat(file) => Ok(file.words(rows)),
+            File::CompressedPly(file) => Ok(file.words(rows)),
+            File::Sog(file) => Ok(file.words(rows)),
         }
     }
 
@@ -200,7 +246,7 @@ impl SplatSource {
         match &self.file {
             File::Ply(file) => Ok(rows * file.words_per_splat()?),
             File::Glb(file) => Ok(file.num_words(self.kept.as_deref())),
-            File::Splatv(_) => Ok(rows * CHANNELS),
+            File::Splatv(_) | File::Splat(_) | File::CompressedPly(_) | File::Sog(_) => Ok(rows * CHANNELS),
             File::Spz(file) => Ok(rows * file.words_per_splat()),
         }
     }
@@ -219,6 +265,9 @@ impl SplatSource {
             File::Glb(file) => file.words_of(rows, sh_coeffs),
             File::Splatv(file) => file.words_of(rows, sh_coeffs),
             File::Spz(file) => file.words_of(rows, sh_coeffs),
+            File::Splat(file) => file.words_of(rows, sh_coeffs),
+            File::CompressedPly(file) => file.words_of(rows, sh_coeffs),
+            File::Sog(file) => file.words_of(rows, sh_coeffs),
         }
     }
 
@@ -233,6 +282,9 @@ impl SplatSource {
             File::Glb(file) => file.coeffs_of(self.kept.as_deref(), words),
             File::Splatv(_) => SplatvFile::coeffs_of(words),
             File::Spz(file) => file.coeffs_of(words),
+            File::Splat(_) => SplatFile::coeffs_of(words),
+            File::CompressedPly(file) => file.coeffs_of(self.kept.as_deref(), words),
+            File::Sog(file) => file.coeffs_of(self.kept.as_deref(), words),
         }
     }
 
@@ -245,6 +297,9 @@ impl SplatSource {
             File::Glb(file) => file.with_words(rows, words),
             File::Splatv(file) => file.with_words(rows, words),
             File::Spz(file) => file.with_words(rows, words),
+            File::Splat(file) => file.with_words(rows, words),
+            File::CompressedPly(file) => file.with_words(rows, words),
+            File::Sog(file) => file.with_words(rows, words),
         }
     }
 }

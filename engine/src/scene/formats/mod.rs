@@ -1,5 +1,5 @@
-//! Splat files of other tools; each module reads one container into [`Gaussians`](super::gaussians::Gaussians).
-//! [`glb`], [`splatv`] and [`spz`] also write new colours in place.
+//! Splat files of other tools; each module reads one container into [`Gaussians`](super::gaussians::Gaussians) and
+//! writes new colours in place.
 
 mod archive;
 mod bytes;
@@ -9,7 +9,7 @@ pub mod sog;
 pub mod splat;
 pub mod splatv;
 pub mod spz;
-mod steps;
+pub(super) mod steps;
 pub(super) mod values;
 
 pub(super) use format::import;

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::bytes::{Bytes, f32_at};
 use super::steps::dithered_byte;
-use super::values::{log_scale, logit_of_byte, with_capacity};
+use super::values::{coeffs_of_colours, log_scale, logit_of_byte, with_capacity};
 use crate::base::files::bad_data;
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
@@ -148,13 +148,7 @@ impl SplatvFile {
     /// The coefficients `[rows,16,3]` that words are read as.
     #[must_use]
     pub fn coeffs_of(words: &[u32]) -> Vec<f32> {
-        let mut coeffs = vec![0.0; words.len() / CHANNELS * SH_FLOATS];
-        for (splat, words) in coeffs.chunks_exact_mut(SH_FLOATS).zip(words.chunks_exact(CHANNELS)) {
-            for (coeff, word) in splat.iter_mut().zip(words) {
-                *coeff = dc_of_colour(f32::from(word.to_le_bytes()[0]) / 255.0);
-            }
-        }
-        coeffs
+        coeffs_of_colours(words)
     }
 
     /// Number of splats.

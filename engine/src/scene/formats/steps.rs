@@ -9,7 +9,7 @@ const PER_COLUMN: f64 = 0.754_877_666_246_693;
 
 /// The byte nearest to `steps`.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
-pub(super) fn nearest_byte(steps: f32) -> u8 {
+pub(in crate::scene) fn nearest_byte(steps: f32) -> u8 {
     steps.round().clamp(0.0, 255.0) as u8
 }
 

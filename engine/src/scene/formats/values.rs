@@ -1,7 +1,7 @@
 //! How splat files write numbers, as the values that splats are made of.
 
 use crate::base::numbers::narrow;
-use crate::scene::gaussians::{CHANNELS, Gaussians, SH_FLOATS, sh_bases};
+use crate::scene::gaussians::{CHANNELS, Gaussians, SH_FLOATS, dc_of_colour, sh_bases};
 
 /// Room for `splats` splats.
 pub(crate) fn with_capacity(splats: usize, sh_degree: u32) -> Gaussians {
@@ -18,6 +18,23 @@ pub(crate) fn with_capacity(splats: usize, sh_degree: u32) -> Gaussians {
 /// Floats of SH behind the DC terms that a splat of this degree has.
 pub(super) const fn rest_floats(sh_degree: u32) -> usize {
     (sh_bases(sh_degree) - 1) * CHANNELS
+}
+
+/// The coefficients `[rows,16,3]` that bytes of plain colours are read as, three words for each splat.
+pub(super) fn coeffs_of_colours(words: &[u32]) -> Vec<f32> {
+    let mut coeffs = vec![0.0; words.len() / CHANNELS * SH_FLOATS];
+    for (splat, words) in coeffs.chunks_exact_mut(SH_FLOATS).zip(words.chunks_exact(CHANNELS)) {
+        for (coeff, word) in splat.iter_mut().zip(words) {
+            *coeff = dc_of_colour(f32::from(word.to_le_bytes()[0]) / 255.0);
+        }
+    }
+    coeffs
+}
+
+/// The coefficients `[rows,16,3]` of the splats `rows`, or of all.
+pub(super) fn coeffs_of_rows(sh_coeffs: &[f32], rows: Option<&[u32]>) -> Vec<f32> {
+    let splat = |row: &u32| &sh_coeffs[SH_FLOATS * *row as usize..][..SH_FLOATS];
+    rows.map_or_else(|| sh_coeffs.to_vec(), |rows| rows.iter().flat_map(splat).copied().collect())
 }
 
 /// Logit of an opacity 0 to 1 that was stored in steps of 1/255. The ends, whose logit is infinite, are taken half a

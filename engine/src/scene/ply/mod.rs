@@ -6,5 +6,6 @@ mod file;
 mod header;
 mod paths;
 
+pub use compressed::CompressedPlyFile;
 pub(super) use compressed::{decode_compressed, is_compressed};
 pub use file::{PlyFile, encode};
