@@ -76,9 +76,9 @@ pub(crate) fn run(args: &TraceArgs, common: &Common) -> Result<Outcome, EngineEr
     ledger.check_original(original.digest(), original.gaussians.len())?;
     let issue = Issue::new(&original, ledger.prf(), ledger.terms().strength);
     let device = device::open(common)?;
-    let gathered = films(args, &device, &issue, common)?;
+    let mut gathered = films(args, &device, &issue, common)?;
     let request = TraceRequest { device: &device, issue: &issue, ledger: &ledger, copies: args.copies, fpr: args.fpr };
-    let report: Report = judge(&request, &gathered)?;
+    let report: Report = judge(&request, &mut gathered)?;
     print(common, &report, human)?;
     Ok(Outcome::Traced(report.verdict))
 }

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use guard4d_engine::base::prf::{MasterSecret, Prf};
 use guard4d_engine::error::EngineError;
-use guard4d_engine::fingerprint::film::{Gatherer, Shot, SplatEvidence};
+use guard4d_engine::fingerprint::estimate::estimate;
+use guard4d_engine::fingerprint::film::{Detail, Exposures, Shot};
 use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::fingerprint::trace::{Scored, Scorer};
 use guard4d_engine::media::codec::Codec;
@@ -60,16 +61,16 @@ fn through_h264(path: &Path, frames: &[Frame]) -> Vec<Frame> {
     read_clip(path, &ReadOptions::default()).expect("decodes").frames().to_vec()
 }
 
-fn evidence(gpu: &Gpu, model: &Model, frames: &[Frame], shots: &[(Camera, f32)]) -> SplatEvidence {
-    let mut gatherer = Gatherer::new(gpu, model).expect("a gatherer");
+fn exposures(gpu: &Gpu, model: &Model, frames: &[Frame], shots: &[(Camera, f32)]) -> Exposures {
+    let mut exposures = Exposures::new(gpu, model).expect("it fits");
     for (frame, &(camera, time)) in frames.iter().zip(shots) {
-        gatherer.add(&Shot { frame, camera, time }).expect("gathers");
+        exposures.add(&Shot { frame, camera, time }, Detail::AsLarge).expect("gathers");
     }
-    gatherer.into_evidence()
+    exposures
 }
 
-fn best(gpu: &Gpu, issue: &Issue<'_>, splats: &SplatEvidence) -> Vec<Scored> {
-    let found = issue.evidence(splats).expect("of each splat");
+fn best(gpu: &Gpu, issue: &Issue<'_>, mut seen: Exposures) -> Vec<Scored> {
+    let found = estimate(issue, &mut seen).expect("of each splat").chips;
     Scorer::new(gpu, issue, &found).and_then(|scorer| scorer.best(0..COPIES)).expect("scores")
 }
 
@@ -92,7 +93,7 @@ fn a_film_from_above_names_its_copy_and_no_other() {
     let psnr = PsnrSummary::of(&errors).expect("there are frames").pooled_db.0;
     assert!(psnr > 46.0, "{psnr} dB");
 
-    let of_film = best(&gpu, &issue, &evidence(&gpu, &model, &frames, &shots));
+    let of_film = best(&gpu, &issue, exposures(&gpu, &model, &frames, &shots));
     eprintln!("psnr {psnr:.2}; pictures {:?}", of_film.first());
     assert_eq!(of_film[0].copy, LEAKED);
     assert!(of_film[0].log_p_family < 1e-6f64.ln(), "{:?}", of_film[0]);
@@ -100,7 +101,7 @@ fn a_film_from_above_names_its_copy_and_no_other() {
     // Nobody is named by the original's film, nor by that of another issue's copy.
     let foreign = film(&gpu, &model, Issue::new(&model, prf(12), STRENGTH).stamp(LEAKED), &shots);
     for (what, frames) in [("unmarked", &clean), ("of another issue", &foreign)] {
-        let best = best(&gpu, &issue, &evidence(&gpu, &model, frames, &shots));
+        let best = best(&gpu, &issue, exposures(&gpu, &model, frames, &shots));
         assert!(best.iter().all(|copy| copy.log_p_family > 1e-3f64.ln()), "{what}: {best:?}");
     }
     if !has_ffmpeg() {
@@ -108,7 +109,7 @@ fn a_film_from_above_names_its_copy_and_no_other() {
     }
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let coded = through_h264(&folder.path().join("film.mp4"), &frames);
-    let of_film = best(&gpu, &issue, &evidence(&gpu, &model, &coded, &shots));
+    let of_film = best(&gpu, &issue, exposures(&gpu, &model, &coded, &shots));
     assert_eq!(of_film[0].copy, LEAKED);
     assert!(of_film[0].log_p_family < 1e-6f64.ln(), "{:?}", of_film[0]);
 }
@@ -133,7 +134,6 @@ fn stamps_move_base_colours_alone_and_less_where_there_is_no_room() {
         moved += usize::from(by[0] != 0.0);
     }
     assert!(moved > model.gaussians.len() / 2, "{moved} splats are moved");
-    let wrong = SplatEvidence { residual: vec![0.0; 3], response: vec![0.0; 3] };
-    let refused = issue.evidence(&wrong);
+    let refused = issue.collect(&[0.0; 3]);
     assert!(matches!(refused, Err(EngineError::Usage { .. })), "{refused:?}");
 }

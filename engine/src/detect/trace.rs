@@ -7,9 +7,11 @@ use serde::Serialize;
 
 use crate::error::EngineError;
 use crate::evidence::score_tail::ScoreTail;
-use crate::fingerprint::film::{Gatherer, Shot, SplatEvidence};
+use crate::fingerprint::estimate::{Estimate, estimate};
+use crate::fingerprint::film::{Exposures, Shot};
 use crate::fingerprint::issue::Issue;
 use crate::fingerprint::power::unspoilt_score;
+use crate::fingerprint::seen::Seen;
 use crate::fingerprint::trace::{Decoys, Scored, Scorer};
 use crate::media::{Frame, FrameSource};
 use crate::release::ledger::Ledger;
@@ -25,6 +27,8 @@ const LEAST_GAIN: f64 = 0.1;
 const MARGIN: f64 = 3.0;
 /// How far the shapes of frames and cameras may differ, as a share: sides are rounded to whole, even pixels.
 const SHAPE: f64 = 0.01;
+/// Pixels of frames that are estimated together: 100 frames of 400 px, some 400 MB with what draws them again.
+const PIXELS_AT_ONCE: usize = 1 << 24;
 
 /// What the answer is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -99,8 +103,8 @@ pub struct Report {
     pub best_score: f64,
     /// The score that names a copy; none where no score could.
     pub required_score: Option<f64>,
-    /// What the worst film that is still asked of would have scored at the mean.
-    pub least_expected_score: f64,
+    /// Where nobody is named: what a copy would have scored at the mean in the worst film that is still asked of.
+    pub least_expected_score: Option<f64>,
     /// What copies score that were never made.
     pub decoys: Decoys,
 }
@@ -131,15 +135,21 @@ pub struct KnownFilm<'a> {
     pub shots: Vec<(Camera, f32)>,
 }
 
-/// What films say, and what they could have said.
-#[derive(Clone, Debug)]
+/// What leaks say of each chip.
 pub struct Gathered {
-    /// Of each splat.
-    pub splats: SplatEvidence,
-    /// Frames that were read.
-    pub frames: u64,
-    /// What a copy would score if nothing was done to it.
-    pub unspoilt_score: f64,
+    /// Estimates of all parts, added up.
+    chips: Vec<f64>,
+    frames: u64,
+    /// The part that was estimated last, which stands for the others, and how many there are.
+    last: Box<dyn Seen>,
+    noise: f64,
+    parts: u32,
+}
+
+impl std::fmt::Debug for Gathered {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Gathered").field("frames", &self.frames).finish_non_exhaustive()
+    }
 }
 
 impl<'a> KnownFilm<'a> {
@@ -182,35 +192,64 @@ pub fn gather(
     films: &[KnownFilm<'_>],
     each: &mut dyn FnMut() -> Result<(), EngineError>,
 ) -> Result<Gathered, EngineError> {
-    let mut gatherer = Gatherer::new(device, issue.model())?;
-    let (mut frames, mut unspoilt) = (0, 0.0);
+    let mut exposures = Exposures::new(device, issue.model())?;
+    let mut all = Parts { chips: vec![0.0; issue.code().positions().len()], noise: 0.0, count: 0 };
+    let mut frames = 0;
     for film in films {
         if let Some(expected) = film.source.expected_frames().filter(|n| *n != film.shots.len() as u64) {
             return Err(film.wrong_number(&expected.to_string()));
         }
         let mut shots = film.shots.iter();
+        let mut detail = None;
         film.source.for_each(&mut |frame: Frame| {
             each()?;
             let &(camera, time) = shots.next().ok_or_else(|| film.wrong_number("more"))?;
             frames += 1;
-            gatherer.add(&Shot { frame: &frame, camera, time })
+            if exposures.pixels() > PIXELS_AT_ONCE {
+                all.add(issue, &mut exposures)?;
+                exposures.clear();
+            }
+            let shot = Shot { frame: &frame, camera, time };
+            let detail = match detail {
+                Some(detail) => detail,
+                None => *detail.insert(exposures.detail_of(&shot)?),
+            };
+            exposures.add(&shot, detail)
         })?;
         if shots.len() > 0 {
             return Err(film.wrong_number("fewer"));
         }
-        unspoilt += unspoilt_score(device, issue, &film.shots)?;
     }
-    Ok(Gathered { splats: gatherer.into_evidence(), frames, unspoilt_score: unspoilt })
+    all.add(issue, &mut exposures)?;
+    let Parts { chips, noise, count } = all;
+    Ok(Gathered { chips, frames, last: Box::new(exposures), noise, parts: count })
+}
+
+/// Estimates of parts of a leak.
+struct Parts {
+    chips: Vec<f64>,
+    noise: f64,
+    count: u32,
+}
+
+impl Parts {
+    fn add(&mut self, issue: &Issue<'_>, seen: &mut dyn Seen) -> Result<(), EngineError> {
+        let Estimate { chips, noise } = estimate(issue, seen)?;
+        self.chips.iter_mut().zip(chips).for_each(|(sum, chip)| *sum += chip);
+        self.noise = noise;
+        self.count += 1;
+        Ok(())
+    }
 }
 
 /// Scores every copy, and says who is named.
 ///
 /// # Errors
 /// Those of scoring, and of the ledger.
-pub fn judge(request: &TraceRequest<'_>, gathered: &Gathered) -> Result<Report, EngineError> {
+pub fn judge(request: &TraceRequest<'_>, gathered: &mut Gathered) -> Result<Report, EngineError> {
     let TraceRequest { device, issue, ledger, fpr, .. } = *request;
-    let evidence = issue.evidence(&gathered.splats)?;
-    let scorer = Scorer::new(device, issue, &evidence)?;
+    let evidence = &gathered.chips;
+    let scorer = Scorer::new(device, issue, evidence)?;
     let copies_scored = request.copies.max(ledger.last_number()?).max(1);
     let best = scorer.best(1..copies_scored + 1)?;
     let log_fpr = fpr.ln();
@@ -218,9 +257,13 @@ pub fn judge(request: &TraceRequest<'_>, gathered: &Gathered) -> Result<Report, 
     let copies = named.map(|scored| name(ledger, scored)).collect::<Result<Vec<_>, _>>()?;
     let deviation = scorer.chance().deviation();
     let required = scorer.chance().required_score(log_fpr - (copies_scored as f64).ln()).map(|score| score / deviation);
-    let least_expected = LEAST_GAIN * gathered.unspoilt_score / deviation;
-    let is_power_enough = required.is_some_and(|required| least_expected >= required + MARGIN);
-    let shared = issue.code().shared_score(&evidence)?;
+    let mut least_expected = None;
+    if copies.is_empty() {
+        let unspoilt = f64::from(gathered.parts) * unspoilt_score(issue, &mut *gathered.last, gathered.noise)?;
+        least_expected = Some(LEAST_GAIN * unspoilt / deviation);
+    }
+    let is_power_enough = required.zip(least_expected).is_some_and(|(required, t)| t >= required + MARGIN);
+    let shared = issue.code().shared_score(evidence)?;
     let owner = claim(shared.score, &shared.chance);
     let is_of_issue = owner.log10_p <= fpr.log10();
     Ok(Report {

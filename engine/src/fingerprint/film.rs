@@ -6,13 +6,14 @@
 
 use guard4d_kernels::{Buffer, Device};
 
+use super::seen::{Seen, SplatEvidence};
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::media::Frame;
 use crate::render::deform::DeformField;
-use crate::render::{Frame as FrameOfClip, FrameMut, OffsetBases, Offsets, Prune, Renderer};
-use crate::scene::gaussians::CHANNELS;
-use crate::scene::{Camera, Model};
+use crate::render::{Frame as FrameOfClip, FrameMut, FramePlan, OffsetBases, Offsets, Prune, Renderer};
+use crate::scene::gaussians::{CHANNELS, Y0};
+use crate::scene::{Camera, FrameSize, Model};
 
 /// Largest difference of a pixel that counts, of 1. Marks are smaller, and codecs make mistakes that are larger: the
 /// best of those tried on films through H.264.
@@ -21,6 +22,13 @@ const LIMIT: f32 = 0.02;
 const BETWEEN: std::ops::RangeInclusive<u8> = 2..=253;
 /// Largest final transmittance of a pixel that shows enough of the asset.
 const UNCOVERED: f32 = 0.98;
+/// Weights of red, green and blue in the luma of ITU-R BT.601. A mark moves all three alike, and codecs keep what else
+/// there is at half the size or worse.
+const LUMA: [f32; CHANNELS] = [0.299, 0.587, 0.114];
+/// Only the DC terms are asked about.
+const BASES: OffsetBases = OffsetBases::Dc;
+/// A difference is taken between pictures; small enough that no colour is cut off at 0, large enough for 32-bit floats.
+const PROBE: f64 = 0.02;
 
 /// A frame of a film, and from where and when it was taken.
 #[derive(Clone, Copy, Debug)]
@@ -33,36 +41,52 @@ pub struct Shot<'a> {
     pub time: f32,
 }
 
-/// What a film says of each splat.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SplatEvidence {
-    /// Sum over frames, pixels and channels of the limited difference times the splat's weight.
-    pub residual: Vec<f64>,
-    /// The same of a difference of 1 everywhere that counts: how much of the film the splat is.
-    pub response: Vec<f64>,
+/// How finely a film was drawn before it became what it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detail {
+    /// At the size that it has.
+    AsLarge,
+    /// At twice the size, and made smaller: splats are drawn no narrower than a pixel.
+    Twice,
 }
 
-/// A film's difference to the unmarked asset, channel by channel `[H, W, 4]`, and where it counts.
-struct Difference {
-    limited: Vec<f32>,
-    counted: Vec<f32>,
+impl Detail {
+    /// Both, the likelier one first.
+    pub const ALL: [Self; 2] = [Self::AsLarge, Self::Twice];
+
+    /// Pixels that became one, along a side.
+    const fn side(self) -> u32 {
+        match self {
+            Self::AsLarge => 1,
+            Self::Twice => 2,
+        }
+    }
 }
 
-/// Gathers what a film says, frame by frame.
+/// A frame as it is kept: what draws it again, and where it counts.
 #[derive(Debug)]
-pub struct Gatherer {
+struct Exposure {
+    plan: FramePlan,
+    detail: Detail,
+    /// Red of the unmarked asset at each pixel.
+    clean: Vec<f32>,
+    /// Whether a pixel counts.
+    counted: Vec<bool>,
+}
+
+/// Frames of films of one asset, and what they say of it.
+#[derive(Debug)]
+pub struct Exposures {
     device: Device,
     background: [f32; 3],
     field: DeformField,
     renderer: Renderer,
     offsets: Buffer<f32>,
+    exposures: Vec<Exposure>,
     sums: SplatEvidence,
 }
 
-/// Only the DC terms are asked about.
-const BASES: OffsetBases = OffsetBases::Dc;
-
-impl Gatherer {
+impl Exposures {
     /// Of films of `model`, the unmarked asset.
     ///
     /// # Errors
@@ -75,7 +99,8 @@ impl Gatherer {
             field: DeformField::new(device, &model.gaussians, &model.motion)?,
             renderer: Renderer::new(device)?,
             offsets: device.buffer("film.offsets", count * BASES.floats())?,
-            sums: SplatEvidence { residual: vec![0.0; count], response: vec![0.0; count] },
+            exposures: Vec::new(),
+            sums: SplatEvidence::none(count),
         })
     }
 
@@ -83,35 +108,173 @@ impl Gatherer {
     ///
     /// # Errors
     /// [`EngineError::Usage`] for a camera of another size than its frame; when memory runs out or the device fails.
-    pub fn add(&mut self, shot: &Shot<'_>) -> Result<(), EngineError> {
-        check_size(shot)?;
-        let state = self.field.at(shot.time)?;
-        let plan = self.renderer.plan(&state, &shot.camera, Prune::Keep)?;
-        let mut pixels = self.device.buffer("film.frame", plan.frame_len())?;
-        let mut rec = self.device.recorder()?;
-        let clean = FrameMut { clip: &mut pixels, index: 0 };
-        self.renderer.forward(&mut rec, &plan, None, self.background, clean)?;
-        rec.submit()?;
-        let Difference { limited, counted } = difference(shot.frame, &pixels.read()?);
-        for (data, sum) in [(&limited, &mut self.sums.residual), (&counted, &mut self.sums.response)] {
-            let v_frame = self.device.buffer_from("film.v_frame", data)?;
-            let mut rec = self.device.recorder()?;
-            let mut v_offsets = rec.zeros("film.v_offsets", self.offsets.len())?;
-            let of_plan = Offsets { data: &self.offsets, bases: BASES };
-            let frame = FrameOfClip { clip: &v_frame, index: 0 };
-            self.renderer.backward(&mut rec, &plan, of_plan, frame, &mut v_offsets)?;
-            rec.submit()?;
-            for (sum, v) in sum.iter_mut().zip(v_offsets.read()?.chunks_exact(BASES.floats())) {
-                *sum += v[..CHANNELS].iter().map(|v| f64::from(*v)).sum::<f64>();
-            }
+    pub fn add(&mut self, shot: &Shot<'_>, detail: Detail) -> Result<(), EngineError> {
+        let plan = self.plan(shot, detail)?;
+        let clean = draw(&self.device, &mut self.renderer, &Drawn { plan: &plan, detail }, None, self.background)?;
+        let Difference { limited, counted } = difference(shot.frame, &clean);
+        // One way back for both: residual in the first channel, where it counts in the second.
+        let mut v_frame = vec![0.0; clean.len()];
+        for ((v, limited), counted) in v_frame.chunks_exact_mut(4).zip(&limited).zip(&counted) {
+            (v[0], v[1]) = (*limited, if *counted { 1.0 } else { 0.0 });
+            self.sums.samples += u64::from(*counted);
+            self.sums.squares += f64::from(*limited).powi(2);
         }
+        let v_frame = spread(v_frame, &plan, detail);
+        let v_frame = self.device.buffer_from("film.v_frame", &v_frame)?;
+        let mut rec = self.device.recorder()?;
+        let mut v_offsets = rec.zeros("film.v_offsets", self.offsets.len())?;
+        self.back(&mut rec, &plan, &v_frame, &mut v_offsets)?;
+        rec.submit()?;
+        let rows = v_offsets.read()?;
+        let sums = self.sums.residual.iter_mut().zip(&mut self.sums.response);
+        for ((residual, response), v) in sums.zip(rows.chunks_exact(BASES.floats())) {
+            // In colours: a DC term moves one by Y0.
+            *residual += f64::from(v[0]) / Y0;
+            *response += f64::from(v[1]) / Y0;
+        }
+        let clean = clean.chunks_exact(4).map(|pixel| pixel[0]).collect();
+        self.exposures.push(Exposure { plan, detail, clean, counted });
         Ok(())
     }
 
-    /// What all frames said.
+    /// How finely a film was drawn that this is a frame of: as it is least different from the unmarked asset.
+    ///
+    /// # Errors
+    /// As [`add`](Self::add).
+    pub fn detail_of(&mut self, shot: &Shot<'_>) -> Result<Detail, EngineError> {
+        let mut best = (Detail::AsLarge, f64::INFINITY);
+        for detail in Detail::ALL {
+            let plan = self.plan(shot, detail)?;
+            let clean = draw(&self.device, &mut self.renderer, &Drawn { plan: &plan, detail }, None, self.background)?;
+            let squares = difference(shot.frame, &clean).limited.iter().map(|r| f64::from(*r).powi(2)).sum();
+            if squares < best.1 {
+                best = (detail, squares);
+            }
+        }
+        Ok(best.0)
+    }
+
+    fn plan(&mut self, shot: &Shot<'_>, detail: Detail) -> Result<FramePlan, EngineError> {
+        check_size(shot)?;
+        let side = detail.side();
+        let size = FrameSize::new(shot.camera.width * side, shot.camera.height * side)?;
+        let state = self.field.at(shot.time)?;
+        let plan = self.renderer.plan(&state, &shot.camera.resized(size), Prune::Keep)?;
+        self.renderer.fix_view(plan)
+    }
+
+    /// Pixels of the frames that are kept.
     #[must_use]
-    pub fn into_evidence(self) -> SplatEvidence {
-        self.sums
+    pub fn pixels(&self) -> usize {
+        self.exposures.iter().map(|exposure| exposure.clean.len()).sum()
+    }
+
+    /// Forgets all frames.
+    pub fn clear(&mut self) {
+        self.exposures.clear();
+        self.sums = SplatEvidence::none(self.sums.residual.len());
+    }
+
+    fn back(
+        &mut self,
+        rec: &mut guard4d_kernels::Recorder,
+        plan: &FramePlan,
+        v_frame: &Buffer<f32>,
+        v_offsets: &mut Buffer<f32>,
+    ) -> Result<(), EngineError> {
+        let of_plan = Offsets { data: &self.offsets, bases: BASES };
+        self.renderer.backward(rec, plan, of_plan, FrameOfClip { clip: v_frame, index: 0 }, v_offsets)
+    }
+}
+
+/// A plan, and how many of its pixels become one.
+struct Drawn<'a> {
+    plan: &'a FramePlan,
+    detail: Detail,
+}
+
+/// A picture `[H, W, 4]` of the asset with offsets of its DC terms.
+fn draw(
+    device: &Device,
+    renderer: &mut Renderer,
+    drawn: &Drawn<'_>,
+    offsets: Option<&Buffer<f32>>,
+    background: [f32; 3],
+) -> Result<Vec<f32>, EngineError> {
+    let plan = drawn.plan;
+    let mut pixels = device.buffer("film.frame", plan.frame_len())?;
+    let mut rec = device.recorder()?;
+    let offsets = offsets.map(|data| Offsets { data, bases: BASES });
+    renderer.forward(&mut rec, plan, offsets, background, FrameMut { clip: &mut pixels, index: 0 })?;
+    rec.submit()?;
+    Ok(made_smaller(pixels.read()?, plan, drawn.detail))
+}
+
+/// Means of the pixels `[H, W, 4]` that become one.
+fn made_smaller(pixels: Vec<f32>, plan: &FramePlan, detail: Detail) -> Vec<f32> {
+    let (side, width) = (detail.side() as usize, plan.width() as usize);
+    if side == 1 {
+        return pixels;
+    }
+    let mut small = vec![0.0; pixels.len() / (side * side)];
+    for (at, pixel) in pixels.chunks_exact(4).enumerate() {
+        let to = (at / width / side) * (width / side) + at % width / side;
+        small[4 * to..4 * to + 4].iter_mut().zip(pixel).for_each(|(sum, value)| *sum += value / (side * side) as f32);
+    }
+    small
+}
+
+/// The transpose of [`made_smaller`].
+fn spread(small: Vec<f32>, plan: &FramePlan, detail: Detail) -> Vec<f32> {
+    let (side, width) = (detail.side() as usize, plan.width() as usize);
+    if side == 1 {
+        return small;
+    }
+    let mut pixels = vec![0.0; small.len() * side * side];
+    for (at, pixel) in pixels.chunks_exact_mut(4).enumerate() {
+        let from = (at / width / side) * (width / side) + at % width / side;
+        pixel.iter_mut().zip(&small[4 * from..]).for_each(|(value, sum)| *value = sum / (side * side) as f32);
+    }
+    pixels
+}
+
+impl Seen for Exposures {
+    fn evidence(&self) -> &SplatEvidence {
+        &self.sums
+    }
+
+    /// # Equation
+    /// Aᵀ W A of the colours, by the difference of two pictures and the transpose.
+    fn normal(&mut self, colours: &[f64]) -> Result<Vec<f64>, EngineError> {
+        let largest = colours.iter().fold(0.0f64, |most, colour| most.max(colour.abs()));
+        if largest <= 0.0 {
+            return Ok(vec![0.0; colours.len()]);
+        }
+        let scale = PROBE / largest;
+        let mut rows = vec![0.0f32; self.offsets.len()];
+        for (row, colour) in rows.chunks_exact_mut(BASES.floats()).zip(colours) {
+            row[0] = narrow(scale * colour / Y0);
+        }
+        let moved = self.device.buffer_from("film.moved", &rows)?;
+        let mut rec = self.device.recorder()?;
+        let mut v_offsets = rec.zeros("film.v_offsets", self.offsets.len())?;
+        rec.submit()?;
+        let exposures = std::mem::take(&mut self.exposures);
+        for Exposure { plan, detail, clean, counted } in &exposures {
+            let drawn = Drawn { plan, detail: *detail };
+            let mut pixels = draw(&self.device, &mut self.renderer, &drawn, Some(&moved), self.background)?;
+            for ((pixel, clean), counted) in pixels.chunks_exact_mut(4).zip(clean).zip(counted) {
+                let difference = if *counted { pixel[0] - clean } else { 0.0 };
+                pixel.copy_from_slice(&[difference, 0.0, 0.0, 0.0]);
+            }
+            let v_frame = self.device.buffer_from("film.v_frame", &spread(pixels, plan, *detail))?;
+            let mut rec = self.device.recorder()?;
+            self.back(&mut rec, plan, &v_frame, &mut v_offsets)?;
+            rec.submit()?;
+        }
+        self.exposures = exposures;
+        let rows = v_offsets.read()?;
+        Ok(rows.chunks_exact(BASES.floats()).map(|v| f64::from(v[0]) / (Y0 * scale)).collect())
     }
 }
 
@@ -127,32 +290,38 @@ fn check_size(shot: &Shot<'_>) -> Result<(), EngineError> {
     })
 }
 
-/// Film minus what the unmarked asset looks like there, after the exposure and contrast that fit each channel best.
-fn difference(frame: &Frame, clean: &[f32]) -> Difference {
-    let mut out = Difference { limited: vec![0.0; clean.len()], counted: vec![0.0; clean.len()] };
-    for channel in 0..CHANNELS {
-        let pixels = frame.rgb().chunks_exact(CHANNELS).zip(clean.chunks_exact(4)).enumerate();
-        let counts = |level: u8, pixel: &[f32]| BETWEEN.contains(&level) && pixel[CHANNELS] <= UNCOVERED;
-        let counted =
-            pixels.filter(|(_, (levels, pixel))| counts(levels[channel], pixel)).map(|(at, (levels, pixel))| Counted {
-                at: 4 * at + channel,
-                film: f32::from(levels[channel]) / 255.0,
-                clean: pixel[channel],
-            });
-        let counted: Vec<Counted> = counted.collect();
-        let fit = Line::through(&counted);
-        for Counted { at, film, clean } in counted {
-            out.limited[at] = (film - fit.at(clean)).clamp(-LIMIT, LIMIT);
-            out.counted[at] = 1.0;
-        }
-    }
-    out
+/// A film's difference to the unmarked asset in luma, pixel by pixel, and where it counts.
+struct Difference {
+    limited: Vec<f32>,
+    counted: Vec<bool>,
 }
 
-/// A channel of a pixel that counts.
-struct Counted {
-    /// Its place in `[H, W, 4]`.
-    at: usize,
+/// Film minus what the unmarked asset looks like there, after the exposure and contrast that fit each channel best.
+fn difference(frame: &Frame, clean: &[f32]) -> Difference {
+    let pixels = frame.rgb().chunks_exact(CHANNELS).zip(clean.chunks_exact(4));
+    let counts = |(levels, pixel): (&[u8], &[f32])| {
+        levels.iter().all(|level| BETWEEN.contains(level)) && pixel[CHANNELS] <= UNCOVERED
+    };
+    let counted: Vec<bool> = pixels.clone().map(counts).collect();
+    let mut limited = vec![0.0f32; counted.len()];
+    for (channel, weight) in LUMA.into_iter().enumerate() {
+        let levels = pixels
+            .clone()
+            .map(|(levels, pixel)| Level { film: f32::from(levels[channel]) / 255.0, clean: pixel[channel] });
+        let fit = Line::through(levels.clone().zip(&counted).filter(|(_, counted)| **counted).map(|(level, _)| level));
+        for (sum, Level { film, clean }) in limited.iter_mut().zip(levels) {
+            *sum += weight * (film - fit.at(clean));
+        }
+    }
+    for (limited, counted) in limited.iter_mut().zip(&counted) {
+        *limited = if *counted { limited.clamp(-LIMIT, LIMIT) } else { 0.0 };
+    }
+    Difference { limited, counted }
+}
+
+/// A channel of a pixel.
+#[derive(Clone, Copy)]
+struct Level {
     film: f32,
     clean: f32,
 }
@@ -165,12 +334,19 @@ struct Line {
 
 impl Line {
     /// The least squares; film = clean where that does not vary.
-    fn through(points: &[Counted]) -> Self {
-        let mean = |of: fn(f64, f64) -> f64| {
-            points.iter().map(|p| of(p.clean.into(), p.film.into())).sum::<f64>() / points.len().max(1) as f64
-        };
-        let (x, y) = (mean(|clean, _| clean), mean(|_, film| film));
-        let (xx, xy) = (mean(|clean, _| clean * clean) - x * x, mean(|clean, film| clean * film) - x * y);
+    fn through(levels: impl Iterator<Item = Level>) -> Self {
+        let (mut n, mut x, mut y, mut xx, mut xy) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for Level { film, clean } in levels {
+            let (film, clean) = (f64::from(film), f64::from(clean));
+            n += 1.0;
+            x += clean;
+            y += film;
+            xx += clean * clean;
+            xy += clean * film;
+        }
+        let n = f64::max(n, 1.0);
+        let (x, y) = (x / n, y / n);
+        let (xx, xy) = (xx / n - x * x, xy / n - x * y);
         if xx <= f64::EPSILON {
             return Self { slope: 1.0, start: 0.0 };
         }

@@ -2,7 +2,6 @@
 
 use super::chips::{ChipMap, OCTAVES};
 use super::code::{Code, CopyKey, Position};
-use super::film::SplatEvidence;
 use crate::base::digest::Digest;
 use crate::base::numbers::narrow;
 use crate::base::prf::Prf;
@@ -77,47 +76,66 @@ impl<'a> Issue<'a> {
     pub fn stamp(&self, copy: u64) -> Vec<f32> {
         let offsets: Vec<f64> = self.code.offsets(&self.copy_key(copy)).collect();
         let mut sh_coeffs = self.model.gaussians.sh_coeffs.clone();
-        let splats = self.chips.of_splats().iter().zip(self.strengths());
-        for (row, (chips, strength)) in sh_coeffs.chunks_exact_mut(SH_FLOATS).zip(splats) {
-            let colour: f64 = chips.iter().zip(OCTAVES).map(|(chip, octave)| octave.amplitude * offsets[*chip]).sum();
-            let moved = strength * colour / Y0;
-            row[..CHANNELS].iter_mut().for_each(|dc| *dc = narrow(f64::from(*dc) + moved));
+        for (row, colour) in sh_coeffs.chunks_exact_mut(SH_FLOATS).zip(self.spread(&offsets)) {
+            row[..CHANNELS].iter_mut().for_each(|dc| *dc = narrow(f64::from(*dc) + colour / Y0));
         }
         sh_coeffs
     }
 
-    /// What a film says of each chip: its splats' evidence, weighed by how far the chip moves them, less what the mean
-    /// of all copies would say (regression on μ = 2p − 1). Nothing here knows a copy's chips.
+    /// How far the colour of each splat moves where chips have these values: M·chips.
+    #[must_use]
+    pub fn spread(&self, values: &[f64]) -> Vec<f64> {
+        let moved = |(chips, strength): (&[usize; OCTAVES.len()], f64)| {
+            strength * chips.iter().zip(OCTAVES).map(|(chip, octave)| octave.amplitude * values[*chip]).sum::<f64>()
+        };
+        self.chips.of_splats().iter().zip(self.strengths()).map(moved).collect()
+    }
+
+    /// What is said of each chip where this is said of each splat: Mᵀ·splats.
     ///
     /// # Errors
-    /// [`EngineError::Usage`] unless there is evidence of each splat.
-    pub fn evidence(&self, splats: &SplatEvidence) -> Result<Vec<f64>, EngineError> {
-        let count = self.room.len();
-        if [splats.residual.len(), splats.response.len()] != [count; 2] {
-            return Err(EngineError::Usage {
-                what: "evidence of a film".to_owned(),
-                got: format!("{} splats", splats.residual.len()),
-                expected: format!("{count} splats"),
-            });
-        }
-        let (mut evidence, mut response) = (vec![0.0; self.chips.num_chips()], vec![0.0; self.chips.num_chips()]);
-        for (splat, (chips, strength)) in self.chips.of_splats().iter().zip(self.strengths()).enumerate() {
-            for (chip, octave) in chips.iter().zip(OCTAVES) {
-                let moved = strength * octave.amplitude;
-                evidence[*chip] += moved * splats.residual[splat];
-                response[*chip] += moved * moved * splats.response[splat];
-            }
-        }
-        let mean = |(position, response): (&Position, &f64)| match position {
-            Position::OfCopy(bias) => response * (2.0 * bias.probability() - 1.0),
+    /// [`EngineError::Usage`] unless there is a number for each splat.
+    pub fn collect(&self, splats: &[f64]) -> Result<Vec<f64>, EngineError> {
+        self.gathered(splats, |moved| moved)
+    }
+
+    /// The same with squares of how far chips move colours: how much of a leak each chip is.
+    ///
+    /// # Errors
+    /// As [`collect`](Self::collect).
+    pub fn collect_squared(&self, splats: &[f64]) -> Result<Vec<f64>, EngineError> {
+        self.gathered(splats, |moved| moved * moved)
+    }
+
+    /// Takes off estimated chips what the mean of all copies would leave in them (regression on μ = 2p − 1): copies that
+    /// are mixed by a rule lean that way, and it tells none from the other.
+    pub fn take_off_mean(&self, chips: &mut [f64], strength: &[f64], noise: f64) {
+        let mean = |(position, strength): (&Position, &f64)| match position {
+            Position::OfCopy(bias) => strength / (strength + noise) * (2.0 * bias.probability() - 1.0),
             Position::Shared(_) => 0.0,
         };
-        let expected: Vec<f64> = self.code.positions().iter().zip(&response).map(mean).collect();
+        let means: Vec<f64> = self.code.positions().iter().zip(strength).map(mean).collect();
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let length = dot(&expected, &expected);
-        let share = if length > 0.0 { dot(&evidence, &expected) / length } else { 0.0 };
-        evidence.iter_mut().zip(&expected).for_each(|(c, mean)| *c -= share * mean);
-        Ok(evidence)
+        let length = dot(&means, &means);
+        let share = if length > 0.0 { dot(chips, &means) / length } else { 0.0 };
+        chips.iter_mut().zip(&means).for_each(|(chip, mean)| *chip -= share * mean);
+    }
+
+    fn gathered(&self, splats: &[f64], weight: fn(f64) -> f64) -> Result<Vec<f64>, EngineError> {
+        if splats.len() != self.room.len() {
+            return Err(EngineError::Usage {
+                what: "evidence of a leak".to_owned(),
+                got: format!("{} splats", splats.len()),
+                expected: format!("{} splats", self.room.len()),
+            });
+        }
+        let mut values = vec![0.0; self.chips.num_chips()];
+        for ((chips, strength), splat) in self.chips.of_splats().iter().zip(self.strengths()).zip(splats) {
+            for (chip, octave) in chips.iter().zip(OCTAVES) {
+                values[*chip] += weight(strength * octave.amplitude) * splat;
+            }
+        }
+        Ok(values)
     }
 }
 

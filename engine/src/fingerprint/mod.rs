@@ -4,8 +4,10 @@
 
 pub mod chips;
 pub mod code;
+pub mod estimate;
 pub mod fidelity;
 pub mod film;
 pub mod issue;
 pub mod power;
+pub mod seen;
 pub mod trace;
