@@ -2,9 +2,15 @@
 //!
 //! Nothing here knows the owner's mark (`watermark`).
 
+mod align;
+pub mod asset;
 pub mod chips;
+mod cloud;
 pub mod code;
+mod exposure;
 pub mod fidelity;
 pub mod film;
 pub mod issue;
+mod looks;
+pub mod similarity;
 pub mod trace;
