@@ -4,12 +4,15 @@ use std::path::PathBuf;
 
 use clap::Args;
 use guard4d_engine::base::output::{AtomicFile, Existing};
-use guard4d_engine::detect::trace::{DEFAULT_FPR, Gathered, KnownFilm, Report, TraceRequest, gather, judge};
+use guard4d_engine::detect::trace::{
+    DEFAULT_FPR, Gathered, KnownFilm, Report, TraceRequest, gather, gather_asset, judge,
+};
 use guard4d_engine::device::Device;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::media::FrameSource;
 use guard4d_engine::release::ledger::Ledger;
+use guard4d_engine::scene::recognise::is_model;
 use guard4d_engine::scene::{CameraSet, FrameSize};
 
 use crate::flags::common::Common;
@@ -76,16 +79,30 @@ pub(crate) fn run(args: &TraceArgs, common: &Common) -> Result<Outcome, EngineEr
     ledger.check_original(original.digest(), original.gaussians.len())?;
     let issue = Issue::new(&original, ledger.prf(), ledger.terms().strength);
     let device = device::open(common)?;
-    let mut gathered = films(args, &device, &issue, common)?;
+    let mut gathered = match args.leaks.as_slice() {
+        [asset] if is_model(asset)? => gather_asset(&issue, asset, &model::open_in_kind(asset, common)?)?,
+        films => gather_films(films, args, &Tracer { device: &device, issue: &issue }, common)?,
+    };
     let request = TraceRequest { device: &device, issue: &issue, ledger: &ledger, copies: args.copies, fpr: args.fpr };
     let report: Report = judge(&request, &mut gathered)?;
     print(common, &report, human)?;
     Ok(Outcome::Traced(report.verdict))
 }
 
+/// What films are compared with, and on what.
+struct Tracer<'a> {
+    device: &'a Device,
+    issue: &'a Issue<'a>,
+}
+
 /// What films say.
-fn films(args: &TraceArgs, device: &Device, issue: &Issue<'_>, common: &Common) -> Result<Gathered, EngineError> {
-    let paths = &args.leaks;
+fn gather_films(
+    paths: &[PathBuf],
+    args: &TraceArgs,
+    tracer: &Tracer<'_>,
+    common: &Common,
+) -> Result<Gathered, EngineError> {
+    let Tracer { device, issue } = *tracer;
     if args.cameras.len() != paths.len() {
         return Err(EngineError::Usage {
             what: "--cameras".to_owned(),

@@ -123,6 +123,28 @@ fn a_film_from_above_names_the_recipient_and_an_unmarked_one_nobody() {
 }
 
 #[test]
+fn a_leaked_asset_names_its_recipient_without_cameras() {
+    if device().is_none() {
+        return;
+    }
+    let show = Show::new();
+    let trace = |leak: &Path| {
+        guard4d(&[&"trace", &leak, &"--original", &show.scene.path(), &"--ledger", &show.at("show.ledger")])
+    };
+    // As another program wrote it: another format, which rounds colours, and the first moment alone.
+    let leak = show.at("leak.spz");
+    guard4d(&[&"convert", &show.at("copies/cleo"), &leak, &"--lossy"]).done();
+    let run = trace(&leak);
+    run.done();
+    assert!(run.stdout.contains("copy 3 of cleo contributed"), "{}", run.stdout);
+    let run = trace(show.scene.path());
+    assert_eq!(run.code, 1, "the original is nobody's copy: {}", run.stdout);
+    let other = show.at("other.ply");
+    fs::write(&other, ply::encode(&gaussians(40, 1, 3))).expect("writable");
+    trace(&other).refused(65, &["other.ply", "splats", "of this asset"]);
+}
+
+#[test]
 fn copies_differ_in_base_colours_alone_and_come_out_the_same_again() {
     if device().is_none() {
         return;

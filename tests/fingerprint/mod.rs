@@ -1,5 +1,7 @@
 //! The fingerprint.
 
+mod asset;
 mod code;
 mod fidelity;
 mod film;
+mod similarity;

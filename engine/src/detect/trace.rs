@@ -5,8 +5,10 @@ use std::path::Path;
 use guard4d_kernels::Device;
 use serde::Serialize;
 
+use crate::base::files::bad_data;
 use crate::error::EngineError;
 use crate::evidence::score_tail::ScoreTail;
+use crate::fingerprint::asset;
 use crate::fingerprint::estimate::{Estimate, estimate};
 use crate::fingerprint::film::{Exposures, Shot};
 use crate::fingerprint::issue::Issue;
@@ -15,7 +17,7 @@ use crate::fingerprint::seen::Seen;
 use crate::fingerprint::trace::{Decoys, Scored, Scorer};
 use crate::media::{Frame, FrameSource};
 use crate::release::ledger::Ledger;
-use crate::scene::{Camera, CameraSet, FrameSize};
+use crate::scene::{Camera, CameraSet, FrameSize, Model};
 
 /// A family of false accusations in so many is borne unless something else is asked.
 pub const DEFAULT_FPR: f64 = 1e-6;
@@ -27,6 +29,8 @@ const LEAST_GAIN: f64 = 0.1;
 const MARGIN: f64 = 3.0;
 /// How far the shapes of frames and cameras may differ, as a share: sides are rounded to whole, even pixels.
 const SHAPE: f64 = 0.01;
+/// Splats of a leaked asset that have to be found again, for it to be asked at all.
+const FEWEST_SPLATS: usize = 16;
 /// Pixels of frames that are estimated together: 100 frames of 400 px, some 400 MB with what draws them again.
 const PIXELS_AT_ONCE: usize = 1 << 24;
 
@@ -225,6 +229,20 @@ pub fn gather(
     Ok(Gathered { chips, frames, last: Box::new(exposures), noise, parts: count })
 }
 
+/// Gathers what a leaked asset says.
+///
+/// # Errors
+/// [`EngineError::BadData`] where hardly a splat of it is one of the original's.
+pub fn gather_asset(issue: &Issue<'_>, path: &Path, leaked: &Model) -> Result<Gathered, EngineError> {
+    let mut found = asset::gather_asset(issue.model(), leaked)?;
+    if found.matched < FEWEST_SPLATS {
+        let got = format!("{} that are the original's", found.matched);
+        return Err(bad_data(path, "splats", got, format!("at least {FEWEST_SPLATS}, of this asset")));
+    }
+    let Estimate { chips, noise } = estimate(issue, &mut found)?;
+    Ok(Gathered { chips, frames: 0, last: Box::new(found), noise, parts: 1 })
+}
+
 /// Estimates of parts of a leak.
 struct Parts {
     chips: Vec<f64>,
@@ -255,12 +273,11 @@ pub fn judge(request: &TraceRequest<'_>, gathered: &mut Gathered) -> Result<Repo
     let log_fpr = fpr.ln();
     let named = best.iter().filter(|scored| scored.log_p_family <= log_fpr);
     let copies = named.map(|scored| name(ledger, scored)).collect::<Result<Vec<_>, _>>()?;
-    let deviation = scorer.chance().deviation();
-    let required = scorer.chance().required_score(log_fpr - (copies_scored as f64).ln()).map(|score| score / deviation);
+    let required = scorer.required_score(log_fpr - (copies_scored as f64).ln());
     let mut least_expected = None;
     if copies.is_empty() {
         let unspoilt = f64::from(gathered.parts) * unspoilt_score(issue, &mut *gathered.last, gathered.noise)?;
-        least_expected = Some(LEAST_GAIN * unspoilt / deviation);
+        least_expected = Some(scorer.in_deviations(LEAST_GAIN * unspoilt));
     }
     let is_power_enough = required.zip(least_expected).is_some_and(|(required, t)| t >= required + MARGIN);
     let shared = issue.code().shared_score(evidence)?;
@@ -300,5 +317,6 @@ fn name(ledger: &Ledger, scored: &Scored) -> Result<Named, EngineError> {
 
 fn claim(score: f64, chance: &ScoreTail) -> SharedClaim {
     let log_p = chance.log_tail(score).bound;
-    SharedClaim { p: log_p.exp(), log10_p: log_p / std::f64::consts::LN_10, score: score / chance.deviation() }
+    let score = if score == 0.0 { 0.0 } else { score / chance.deviation() };
+    SharedClaim { p: log_p.exp(), log10_p: log_p / std::f64::consts::LN_10, score }
 }

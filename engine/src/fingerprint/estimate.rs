@@ -3,7 +3,8 @@
 //!
 //! Films are r = A M z + noise, with the renderer A, amplitudes M and chips z of mean 0 and variance 1. What tells
 //! copies apart best is then (Mᵀ Aᵀ W A M + κσ²)⁻¹ Mᵀ Aᵀ W r, the mean of z after the film is seen; a few steps of
-//! conjugate gradients come near enough. κ is there because a codec's errors are not each pixel's own. Everything here follows from film, original and amplitudes; no key takes part.
+//! conjugate gradients come near enough. κ is there because a codec's errors are not each pixel's own. Everything here
+//! follows from film, original and amplitudes; no key takes part.
 
 use super::issue::Issue;
 use super::seen::{Seen, SplatEvidence};
@@ -14,9 +15,6 @@ const STEPS: [usize; 2] = [3, 6];
 /// What a splat shows of a change of its own, as a part of all that is seen through it: for the preconditioner, which
 /// only decides how fast the steps converge.
 const OWN_PART: f64 = 0.3;
-/// Samples whose errors go together: those of a codec's block of 8x8 pixels. The best of 1, 4, 16, 32, 64, 128 and 512 on
-/// films through H.264; without a codec none of them is much worse than 1.
-const TOGETHER: f64 = 64.0;
 /// Least noise of a sample, its variance: that of rounding to 8 bits.
 const LEAST_NOISE: f64 = 1.0 / (12.0 * 255.0 * 255.0);
 
@@ -37,17 +35,17 @@ pub fn estimate(issue: &Issue<'_>, seen: &mut dyn Seen) -> Result<Estimate, Engi
     let SplatEvidence { residual, response, samples, squares } = seen.evidence().clone();
     let right = issue.collect(&residual)?;
     let strength = issue.collect_squared(&response)?;
-    let samples = (samples as f64).max(1.0);
+    let (samples, together) = ((samples as f64).max(1.0), seen.together());
     let mut noise = (squares / samples).max(LEAST_NOISE);
     let mut chips = vec![0.0; right.len()];
     for steps in STEPS {
         let mut normal = |chips: &[f64]| issue.collect(&seen.normal(&issue.spread(chips))?);
-        let seen_of_chips = descend(&mut chips, &right, &strength, TOGETHER * noise, steps, &mut normal)?;
+        let seen_of_chips = descend(&mut chips, &right, &strength, together * noise, steps, &mut normal)?;
         // |r - A M z|², with what is already known.
         let left = squares - 2.0 * dot(&chips, &right) + dot(&chips, &seen_of_chips);
         noise = (left / samples).max(LEAST_NOISE);
     }
-    issue.take_off_mean(&mut chips, &strength, TOGETHER * noise);
+    issue.take_off_mean(&mut chips, &strength, together * noise);
     Ok(Estimate { chips, noise })
 }
 
@@ -62,10 +60,11 @@ pub fn estimate_of(
     noise: f64,
 ) -> Result<Vec<f64>, EngineError> {
     let strength = issue.collect_squared(&seen.evidence().response.clone())?;
+    let together = seen.together();
     let mut normal = |chips: &[f64]| issue.collect(&seen.normal(&issue.spread(chips))?);
     let right = normal(values)?;
     let mut chips = vec![0.0; right.len()];
-    descend(&mut chips, &right, &strength, TOGETHER * noise, STEPS.iter().sum(), &mut normal)?;
+    descend(&mut chips, &right, &strength, together * noise, STEPS.iter().sum(), &mut normal)?;
     Ok(chips)
 }
 

@@ -25,6 +25,9 @@ const UNCOVERED: f32 = 0.98;
 /// Weights of red, green and blue in the luma of ITU-R BT.601. A mark moves all three alike, and codecs keep what else
 /// there is at half the size or worse.
 const LUMA: [f32; CHANNELS] = [0.299, 0.587, 0.114];
+/// Pixels whose errors go together: those of a codec's block of 8x8. The best of 1, 4, 16, 32, 64, 128 and 512 on films
+/// through H.264; without a codec none of them is much worse than 1.
+const TOGETHER: f64 = 64.0;
 /// Only the DC terms are asked about.
 const BASES: OffsetBases = OffsetBases::Dc;
 /// A difference is taken between pictures; small enough that no colour is cut off at 0, large enough for 32-bit floats.
@@ -241,6 +244,10 @@ fn spread(small: Vec<f32>, plan: &FramePlan, detail: Detail) -> Vec<f32> {
 impl Seen for Exposures {
     fn evidence(&self) -> &SplatEvidence {
         &self.sums
+    }
+
+    fn together(&self) -> f64 {
+        TOGETHER
     }
 
     /// # Equation

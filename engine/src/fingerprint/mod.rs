@@ -2,12 +2,18 @@
 //!
 //! Nothing here knows the owner's mark (`watermark`).
 
+mod align;
+pub mod asset;
 pub mod chips;
+mod cloud;
 pub mod code;
 pub mod estimate;
+mod exposure;
 pub mod fidelity;
 pub mod film;
 pub mod issue;
+mod looks;
 pub mod power;
 pub mod seen;
+pub mod similarity;
 pub mod trace;

@@ -28,6 +28,9 @@ pub trait Seen {
     /// What it says.
     fn evidence(&self) -> &SplatEvidence;
 
+    /// How many samples have errors that go together.
+    fn together(&self) -> f64;
+
     /// What it would say if each splat's colour differed by this: Aᵀ W A of the colours.
     ///
     /// # Errors

@@ -54,6 +54,7 @@ pub struct Scorer<'a> {
     issue: &'a Issue<'a>,
     evidence: &'a [f64],
     chance: ScoreTail,
+    deviation: f64,
     biases: Buffer<u32>,
     weights: Buffer<f32>,
     /// What every score has besides: that of all chips at −1.
@@ -85,6 +86,7 @@ impl<'a> Scorer<'a> {
             device: device.clone(),
             issue,
             evidence,
+            deviation: chance.deviation(),
             chance,
             base,
             biases: device.buffer_from("trace.biases", &biases)?,
@@ -112,7 +114,7 @@ impl<'a> Scorer<'a> {
             let tail = self.chance.log_tail(score);
             let any = |log_p: f64| (log_p + (looked_at as f64).ln()).min(0.0);
             let [log_p_family, log_p_estimate] = [tail.bound, tail.estimate].map(any);
-            Ok(Scored { copy, score: score / self.chance.deviation(), log_p_family, log_p_estimate })
+            Ok(Scored { copy, score: self.in_deviations(score), log_p_family, log_p_estimate })
         };
         let mut scored = best.into_iter().map(in_full).collect::<Result<Vec<_>, EngineError>>()?;
         scored.sort_by(|a, b| b.score.total_cmp(&a.score));
@@ -136,15 +138,24 @@ impl<'a> Scorer<'a> {
     /// # Errors
     /// When memory runs out or the device fails.
     pub fn decoy_scores(&self, count: u64) -> Result<Vec<f64>, EngineError> {
-        let deviation = self.chance.deviation();
         let scores = self.scores(DECOYS_FROM..DECOYS_FROM + count.min(AT_ONCE))?;
-        Ok(scores.into_iter().map(|score| (f64::from(score) + self.base) / deviation).collect())
+        Ok(scores.into_iter().map(|score| self.in_deviations(f64::from(score) + self.base)).collect())
     }
 
-    /// How scores are distributed by chance.
+    /// A score in standard deviations of those by chance; 0 where all scores are 0, as of the original itself.
     #[must_use]
-    pub fn chance(&self) -> &ScoreTail {
-        &self.chance
+    pub fn in_deviations(&self, score: f64) -> f64 {
+        if score == 0.0 { 0.0 } else { score / self.deviation }
+    }
+
+    /// Least score in deviations whose bound for one copy is at most `log_p`; `None` where no score has one so small. What
+    /// is the original to the last bit shows no copy: there any score would do.
+    #[must_use]
+    pub fn required_score(&self, log_p: f64) -> Option<f64> {
+        if self.deviation == 0.0 {
+            return Some(0.0);
+        }
+        self.chance.required_score(log_p).map(|score| self.in_deviations(score))
     }
 
     fn scores(&self, copies: Range<u64>) -> Result<Vec<f32>, EngineError> {
