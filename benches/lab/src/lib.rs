@@ -9,3 +9,4 @@ pub mod cross_examination;
 pub mod dump;
 pub mod forgery;
 pub mod study;
+pub mod tracing;

@@ -43,6 +43,12 @@ impl<'a> Issue<'a> {
         Self { strength, ..self }
     }
 
+    /// What the amplitudes of all octaves are multiplied by.
+    #[must_use]
+    pub fn strength(&self) -> f64 {
+        self.strength
+    }
+
     /// For each splat what its amplitudes are multiplied by.
     fn strengths(&self) -> impl Iterator<Item = f64> {
         self.room.iter().map(|room| room.min(self.strength))

@@ -6,6 +6,7 @@ mod isa;
 mod pretrain;
 mod root;
 mod study;
+mod tracing;
 
 pub use host::Host;
 pub use root::{LabArgs, run};

@@ -8,6 +8,7 @@ use super::host::Host;
 use super::isa::{self, IsaArgs};
 use super::pretrain::{self, PretrainArgs};
 use super::study::{self, StudyArgs};
+use super::tracing::{self, TracingArgs};
 
 /// Arguments of `guard4d lab`.
 #[derive(Args, Debug)]
@@ -24,6 +25,8 @@ enum LabCommand {
     /// Readings are kept in OUT/readings.csv as soon as they are made; the same command goes on where it was. Nothing
     /// is measured twice that several parts need.
     Study(StudyArgs),
+    /// Measures how well copies are told apart: stamped, spoilt, filmed, encoded, traced
+    Tracing(TracingArgs),
     /// Makes a pretrained extractor from random scenes and offsets: nobody's key or message takes part
     ///
     /// For `embed --extractor pretrained` with another CLIP than the built-in one, for which an extractor is built in.
@@ -44,6 +47,7 @@ enum LabCommand {
 pub fn run(args: &LabArgs, host: &dyn Host) -> Result<(), EngineError> {
     match &args.command {
         LabCommand::Study(args) => study::run(args, host),
+        LabCommand::Tracing(args) => tracing::run(args, host),
         LabCommand::Pretrain(args) => pretrain::run(args, host),
         LabCommand::Dump(args) => dump::run(args, host),
         LabCommand::Isa(args) => isa::run(args, host),

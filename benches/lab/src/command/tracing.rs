@@ -1,0 +1,231 @@
+//! `guard4d lab tracing`
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use guard4d_engine::base::ledger::Ledger;
+use guard4d_engine::base::prf::{MasterSecret, Prf};
+use guard4d_engine::error::EngineError;
+use guard4d_engine::fingerprint::fidelity::{DEFAULT_PSNR_DB, strength_for};
+use guard4d_engine::fingerprint::issue::Issue;
+use guard4d_engine::media::Frame;
+use guard4d_engine::picture::metrics::{Picture, PsnrSummary, SquaredError};
+use guard4d_engine::render::SceneRenderer;
+use guard4d_engine::scene::{Camera, Gaussians, Model};
+use guard4d_kernels::Device;
+
+use super::host::Host;
+use crate::tracing::film::{FILMS, Film, shots, spoil};
+use crate::tracing::leak::{Leak, RULES, without_removed};
+use crate::tracing::measure::{self, Reading};
+
+/// Sizes of coalitions.
+const COALITIONS: [usize; 4] = [2, 3, 5, 8];
+/// Frames that coalitions are filmed for.
+const LONG: u32 = 96;
+
+/// What is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Part {
+    /// A copy in every film.
+    Films,
+    /// The original and a stranger's copy in every film: nobody may be named.
+    Innocent,
+    /// Copies that were mixed.
+    Collusion,
+    /// Copies that somebody worked on, filmed and as assets.
+    Models,
+}
+
+/// What is stamped, and where readings go.
+#[derive(Args, Debug)]
+pub(super) struct TracingArgs {
+    /// Models
+    #[arg(required = true, value_name = "MODEL")]
+    models: Vec<PathBuf>,
+    /// What is measured
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "films")]
+    part: Vec<Part>,
+    /// Keys, numbered from 1
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    keys: u8,
+    /// Only films of which the name contains one of these
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
+    films: Vec<String>,
+    /// Frames of a film
+    #[arg(long, default_value_t = 24)]
+    frames: u32,
+    /// Side of frames, px
+    #[arg(long, default_value_t = 400)]
+    side: u32,
+    /// PSNR of copies, dB
+    #[arg(long, value_name = "DB", default_value_t = DEFAULT_PSNR_DB)]
+    target_psnr: f64,
+    /// Table of readings; it grows, and what it has is not measured again
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+}
+
+/// How many frames, and how large.
+#[derive(Clone, Copy)]
+struct Size {
+    frames: u32,
+    side_px: u32,
+}
+
+/// What is measured at once: what leaks as which films.
+struct Round {
+    name: String,
+    leak: Leak,
+    films: Vec<Film>,
+    size: Size,
+    as_asset: bool,
+}
+
+pub(super) fn run(args: &TracingArgs, host: &dyn Host) -> Result<(), EngineError> {
+    host.listen();
+    let device = host.open()?;
+    let mut table: Ledger<Reading> = Ledger::open(&args.out)?;
+    for path in &args.models {
+        let model = Model::open_in_kind(path)?;
+        let asset = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        for key in 1..=args.keys {
+            let prf = Prf::new(&MasterSecret::from_bytes([key; 32]));
+            let strength = strength_for(&device, &model, &prf, args.target_psnr)?;
+            let issue = Issue::new(&model, prf, strength);
+            for round in rounds(args) {
+                if host.is_stopped() {
+                    return Err(EngineError::Stopped);
+                }
+                let known: Vec<String> = table
+                    .rows()
+                    .iter()
+                    .filter(|row| row.asset == asset && row.key == key && row.leak == round.name)
+                    .map(|row| row.film.clone())
+                    .collect();
+                measure_round(&device, &issue, &round, &known, &mut |reading| {
+                    let row = Reading { asset: asset.clone(), key, leak: round.name.clone(), ..reading };
+                    host.note(&format!("{asset} {key} {} {}: T {:.1}", row.leak, row.film, row.t));
+                    table.append(vec![row])
+                })?;
+            }
+        }
+    }
+    let worst = table.rows().iter().filter(|row| row.contributed > 0).map(|row| row.t).fold(f64::INFINITY, f64::min);
+    let rows = table.rows().len();
+    host.print(
+        &serde_json::json!({ "readings": rows, "least_t": worst }),
+        &format!("{rows} readings, least T {worst:.1}"),
+    )
+}
+
+fn rounds(args: &TracingArgs) -> Vec<Round> {
+    let size = Size { frames: args.frames, side_px: args.side };
+    let is_wanted =
+        |film: &Film| args.films.is_empty() || args.films.iter().any(|name| film.name.contains(name.as_str()));
+    let all: Vec<Film> = FILMS.into_iter().filter(is_wanted).collect();
+    let usual: Vec<Film> = FILMS.into_iter().filter(|film| film.name == "h264 23").collect();
+    let whole = |name: &str, leak| Round { name: name.to_owned(), leak, films: all.clone(), size, as_asset: false };
+    let mut rounds = Vec::new();
+    for part in &args.part {
+        match part {
+            Part::Films => rounds.push(whole("copy", Leak::Copy)),
+            Part::Innocent => rounds.extend([whole("original", Leak::Original), whole("foreign", Leak::Foreign)]),
+            Part::Collusion => {
+                for (name, rule) in RULES {
+                    rounds.extend(COALITIONS.map(|k| Round {
+                        name: format!("{name} {k}"),
+                        leak: Leak::Mixed(rule, k),
+                        films: usual.clone(),
+                        size: Size { frames: LONG, ..size },
+                        as_asset: true,
+                    }));
+                }
+            }
+            Part::Models => {
+                let edits = [
+                    ("pruned 10 %", Leak::Pruned(0.1)),
+                    ("pruned 30 %", Leak::Pruned(0.3)),
+                    ("pruned 50 %", Leak::Pruned(0.5)),
+                    ("noise 0.05", Leak::Noise(0.05)),
+                    ("flat", Leak::Flat),
+                    ("stamped again", Leak::StampedAgain),
+                ];
+                rounds.extend(edits.map(|(name, leak)| Round {
+                    name: name.to_owned(),
+                    leak,
+                    films: usual.clone(),
+                    size,
+                    as_asset: true,
+                }));
+            }
+        }
+    }
+    rounds
+}
+
+/// Hands over readings of all films of a round that are not known.
+fn measure_round(
+    device: &Device,
+    issue: &Issue<'_>,
+    round: &Round,
+    known: &[String],
+    each: &mut dyn FnMut(Reading) -> Result<(), EngineError>,
+) -> Result<(), EngineError> {
+    let folder = tempfile::tempdir().map_err(|source| EngineError::Io { path: std::env::temp_dir(), source })?;
+    let copies = round.leak.copies();
+    let is_new = |name: &str| !known.iter().any(|film| film == name);
+    let gaussians = round.leak.gaussians(issue);
+    let mut filmed: Vec<Filmed> = Vec::new();
+    for film in round.films.iter().filter(|film| is_new(film.name)) {
+        if !filmed.iter().any(|filmed| filmed.film.class == film.class) {
+            filmed.push(Filmed::new(device, issue.model(), &gaussians, *film, round.size)?);
+        }
+        let of_class = filmed.iter().find(|filmed| filmed.film.class == film.class).expect("it was filmed");
+        let (frames, shots) = spoil(device, film, &of_class.frames, &of_class.shots, folder.path())?;
+        let reading = measure::film(device, issue, &frames, &shots, &copies)?;
+        each(Reading { film: film.name.to_owned(), psnr_db: of_class.psnr_db, ..reading })?;
+    }
+    if round.as_asset && is_new("asset") {
+        let leaked = Model::of_splats(Path::new("leak.ply"), &without_removed(&gaussians), issue.model().background)?;
+        let reading = measure::asset(device, issue, &leaked, &copies)?;
+        each(Reading { film: "asset".to_owned(), ..reading })?;
+    }
+    Ok(())
+}
+
+/// Frames of a leak.
+struct Filmed {
+    film: Film,
+    frames: Vec<Frame>,
+    shots: Vec<(Camera, f32)>,
+    /// Against the original.
+    psnr_db: f64,
+}
+
+impl Filmed {
+    fn new(device: &Device, model: &Model, gaussians: &Gaussians, film: Film, size: Size) -> Result<Self, EngineError> {
+        let shots = shots(model, film.class, size.frames, size.side_px)?;
+        let leaked = draw(device, model, gaussians, &shots)?;
+        let clean = draw(device, model, &model.gaussians, &shots)?;
+        let error = |(a, b): (&Frame, &Frame)| SquaredError::between(&Picture::from_frame(a), &Picture::from_frame(b));
+        let errors = leaked.iter().zip(&clean).map(error).collect::<Result<Vec<_>, _>>()?;
+        let psnr_db = PsnrSummary::of(&errors).map_or(f64::NAN, |psnr| psnr.pooled_db.0);
+        Ok(Self { film, frames: leaked, shots, psnr_db })
+    }
+}
+
+fn draw(
+    device: &Device,
+    model: &Model,
+    gaussians: &Gaussians,
+    shots: &[(Camera, f32)],
+) -> Result<Vec<Frame>, EngineError> {
+    let mut renderer = SceneRenderer::new(device, gaussians, &model.motion, model.background)?;
+    let mut frames = Vec::new();
+    renderer.render_clips(&[shots.to_vec()], |_, camera, pixels| {
+        frames.push(Frame::from_rgba32f(camera.width, camera.height, pixels)?);
+        Ok(())
+    })?;
+    Ok(frames)
+}

@@ -1,0 +1,133 @@
+//! One leak, traced: how far the right copies stand out, and who else does.
+
+use std::time::Instant;
+
+use guard4d_engine::error::EngineError;
+use guard4d_engine::fingerprint::asset::gather_asset;
+use guard4d_engine::fingerprint::estimate::{Estimate, estimate};
+use guard4d_engine::fingerprint::film::{Exposures, Shot};
+use guard4d_engine::fingerprint::issue::Issue;
+use guard4d_engine::fingerprint::power::unspoilt_score;
+use guard4d_engine::fingerprint::seen::Seen;
+use guard4d_engine::fingerprint::trace::{Decoys, Scorer};
+use guard4d_engine::media::Frame;
+use guard4d_engine::scene::{Camera, Model};
+use guard4d_kernels::Device;
+use serde::{Deserialize, Serialize};
+
+/// Copies that a family p-value is for.
+const FAMILY: f64 = 1e6;
+/// Copies that are scored beside the right ones.
+const OTHERS: u64 = 20_000;
+/// Copies that were never made.
+const DECOYS: u64 = 20_000;
+
+/// What was found.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Reading {
+    /// The model's name.
+    pub asset: String,
+    /// Number of the key.
+    pub key: u8,
+    /// What leaked.
+    pub leak: String,
+    /// What it was filmed as; `asset` where it was not.
+    pub film: String,
+    /// PSNR of the filmed copy before it was encoded, dB.
+    pub psnr_db: f64,
+    /// Copies that contributed.
+    pub contributed: usize,
+    /// Score of the best of them, in deviations by chance.
+    pub t: f64,
+    /// Of the least.
+    pub t_least: f64,
+    /// How many of them are named among a million copies at 1e-6.
+    pub named: usize,
+    /// Bound on the p-value of the best, for a million copies, as a decimal logarithm.
+    pub log10_p: f64,
+    /// Of 20,000 others: the best score.
+    pub t_other: f64,
+    /// How many of those would be named.
+    pub wrong: usize,
+    /// Score of the chips that all copies share.
+    pub t_shared: f64,
+    /// What is left of the mark, as a share of what a copy that nothing was done to would score.
+    pub gain: f64,
+    /// Mean and mean square of decoys' scores.
+    pub decoy_mean: f64,
+    /// See `decoy_mean`.
+    pub decoy_variance: f64,
+    /// To gather, estimate and score, seconds.
+    pub seconds: f64,
+}
+
+/// Reads a film by its cameras.
+///
+/// # Errors
+/// When the device fails.
+pub fn film(
+    device: &Device,
+    issue: &Issue<'_>,
+    frames: &[Frame],
+    shots: &[(Camera, f32)],
+    copies: &[u64],
+) -> Result<Reading, EngineError> {
+    let started = Instant::now();
+    let mut exposures = Exposures::new(device, issue.model())?;
+    let mut detail = None;
+    for (frame, &(camera, time)) in frames.iter().zip(shots) {
+        let shot = Shot { frame, camera, time };
+        let detail = match detail {
+            Some(detail) => detail,
+            None => *detail.insert(exposures.detail_of(&shot)?),
+        };
+        exposures.add(&shot, detail)?;
+    }
+    score(device, issue, &mut exposures, copies, started)
+}
+
+/// Reads an asset.
+///
+/// # Errors
+/// When the device fails.
+pub fn asset(device: &Device, issue: &Issue<'_>, leaked: &Model, copies: &[u64]) -> Result<Reading, EngineError> {
+    let started = Instant::now();
+    let mut found = gather_asset(issue.model(), leaked)?;
+    score(device, issue, &mut found, copies, started)
+}
+
+fn score(
+    device: &Device,
+    issue: &Issue<'_>,
+    seen: &mut dyn Seen,
+    copies: &[u64],
+    started: Instant,
+) -> Result<Reading, EngineError> {
+    let Estimate { chips, noise } = estimate(issue, seen)?;
+    let scorer = Scorer::new(device, issue, &chips)?;
+    let seconds = started.elapsed().as_secs_f64();
+    let code = issue.code();
+    let chance = code.by_chance(&chips)?;
+    let mut reading = Reading { contributed: copies.len(), seconds, t_least: f64::INFINITY, ..Reading::default() };
+    reading.t = f64::NEG_INFINITY;
+    let threshold = (1e-6 / FAMILY).ln();
+    for copy in copies {
+        let score = code.score(&chips, &issue.copy_key(*copy))?;
+        let (t, log_p) = (scorer.in_deviations(score), chance.log_tail(score).bound);
+        reading.named += usize::from(log_p <= threshold);
+        reading.t_least = reading.t_least.min(t);
+        if t > reading.t {
+            (reading.t, reading.log10_p) = (t, (log_p + FAMILY.ln()).min(0.0) / std::f64::consts::LN_10);
+            reading.gain = score / unspoilt_score(issue, seen, noise)?;
+        }
+    }
+    let best = scorer.best(1..OTHERS + 1)?;
+    let required = scorer.required_score(threshold).unwrap_or(f64::INFINITY);
+    reading.t_other = best.first().map_or(0.0, |scored| scored.score);
+    reading.wrong = best.iter().filter(|scored| scored.score >= required).count();
+    let shared = code.shared_score(&chips)?;
+    reading.t_shared = shared.score / shared.chance.deviation();
+    let Decoys { mean, variance, .. } = scorer.decoys(DECOYS)?;
+    (reading.decoy_mean, reading.decoy_variance) = (mean, variance);
+    Ok(reading)
+}
