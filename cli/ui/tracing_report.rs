@@ -10,8 +10,8 @@ pub(crate) fn human(report: &Report) -> String {
     lines.extend(report.copies.iter().map(named));
     if report.verdict == Tracing::Traced {
         lines.push(
-            "The p-value says how rarely chance alone would point at anybody so clearly. It is not the probability that \
-             a recipient is innocent, and says nothing of how a copy left."
+            "The p-value says how rarely chance alone would point at anybody so clearly. It is not the probability \
+             that a recipient is innocent, and says nothing of how a copy left."
                 .to_owned(),
         );
     }

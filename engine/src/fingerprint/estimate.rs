@@ -68,6 +68,9 @@ pub fn estimate_of(
     Ok(chips)
 }
 
+/// What a leak would say of each chip if chips were these.
+type Normal<'a> = dyn FnMut(&[f64]) -> Result<Vec<f64>, EngineError> + 'a;
+
 /// Steps of preconditioned conjugate gradients on (normal + noise)·chips = right, from where `chips` are. Returns the
 /// normal part of what was reached.
 fn descend(
@@ -76,7 +79,7 @@ fn descend(
     strength: &[f64],
     noise: f64,
     steps: usize,
-    normal: &mut dyn FnMut(&[f64]) -> Result<Vec<f64>, EngineError>,
+    normal: &mut Normal<'_>,
 ) -> Result<Vec<f64>, EngineError> {
     let mut seen = if chips.iter().any(|z| *z != 0.0) { normal(chips)? } else { vec![0.0; chips.len()] };
     let precondition = |r: &[f64]| -> Vec<f64> {

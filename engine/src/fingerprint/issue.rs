@@ -113,8 +113,8 @@ impl<'a> Issue<'a> {
         self.gathered(splats, |moved| moved * moved)
     }
 
-    /// Takes off estimated chips what the mean of all copies would leave in them (regression on μ = 2p − 1): copies that
-    /// are mixed by a rule lean that way, and it tells none from the other.
+    /// Takes off estimated chips what the mean of all copies would leave in them (regression on μ = 2p − 1): copies
+    /// that are mixed by a rule lean that way, and it tells none from the other.
     pub fn take_off_mean(&self, chips: &mut [f64], strength: &[f64], noise: f64) {
         let mean = |(position, strength): (&Position, &f64)| match position {
             Position::OfCopy(bias) => strength / (strength + noise) * (2.0 * bias.probability() - 1.0),

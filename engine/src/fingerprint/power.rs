@@ -6,8 +6,8 @@ use super::issue::Issue;
 use super::seen::Seen;
 use crate::error::EngineError;
 
-/// The score, in the unit of [`Code::score`](super::code::Code::score), that a copy would have if the leak showed it as it
-/// was stamped, under as much noise: that of a copy that nobody has.
+/// The score, in the unit of [`Code::score`](super::code::Code::score), that a copy would have if the leak showed it as
+/// it was stamped, under as much noise: that of a copy that nobody has.
 ///
 /// # Errors
 /// When memory runs out or the device fails.

@@ -148,8 +148,8 @@ impl<'a> Scorer<'a> {
         if score == 0.0 { 0.0 } else { score / self.deviation }
     }
 
-    /// Least score in deviations whose bound for one copy is at most `log_p`; `None` where no score has one so small. What
-    /// is the original to the last bit shows no copy: there any score would do.
+    /// Least score in deviations whose bound for one copy is at most `log_p`; `None` where no score has one so small.
+    /// What is the original to the last bit shows no copy: there any score would do.
     #[must_use]
     pub fn required_score(&self, log_p: f64) -> Option<f64> {
         if self.deviation == 0.0 {

@@ -53,8 +53,8 @@ pub struct Stamped {
     pub path: PathBuf,
 }
 
-/// Writes the copies of `records`, which are reserved in the ledger, and has it know their hashes. `done` is told of each
-/// group that the ledger knows.
+/// Writes the copies of `records`, which are reserved in the ledger, and has it know their hashes. `done` is told of
+/// each group that the ledger knows.
 ///
 /// # Errors
 /// [`EngineError::CannotCreate`] where something is in the way, which is looked at before anything is written;

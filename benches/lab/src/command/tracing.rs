@@ -182,8 +182,8 @@ fn measure_round(
             filmed.push(Filmed::new(device, issue.model(), &gaussians, *film, round.size)?);
         }
         let of_class = filmed.iter().find(|filmed| filmed.film.class == film.class).expect("it was filmed");
-        let (frames, shots) = spoil(device, film, &of_class.frames, &of_class.shots, folder.path())?;
-        let reading = measure::film(device, issue, &frames, &shots, &copies)?;
+        let spoilt = spoil(device, film, &of_class.frames, &of_class.shots, folder.path())?;
+        let reading = measure::film(device, issue, &spoilt, &copies)?;
         each(Reading { film: film.name.to_owned(), psnr_db: of_class.psnr_db, ..reading })?;
     }
     if round.as_asset && is_new("asset") {

@@ -112,6 +112,15 @@ pub fn shots(model: &Model, class: CameraClass, frames: u32, side_px: u32) -> Re
     Ok(cameras.views.iter().enumerate().map(|(i, view)| (view.camera, time(i))).collect())
 }
 
+/// What came of frames.
+#[derive(Clone, Debug)]
+pub struct Spoilt {
+    /// As they are decoded.
+    pub frames: Vec<Frame>,
+    /// The camera and time of each.
+    pub shots: Vec<(Camera, f32)>,
+}
+
 /// What comes of frames: edited, encoded and decoded, with the cameras that they then have.
 ///
 /// # Errors
@@ -122,9 +131,9 @@ pub fn spoil(
     frames: &[Frame],
     shots: &[(Camera, f32)],
     folder: &Path,
-) -> Result<(Vec<Frame>, Vec<(Camera, f32)>), EngineError> {
+) -> Result<Spoilt, EngineError> {
     let (mut frames, mut shots) = (frames.to_vec(), shots.to_vec());
-    let Some(first) = frames.first() else { return Ok((frames, shots)) };
+    let Some(first) = frames.first() else { return Ok(Spoilt { frames, shots }) };
     let (width, height) = (first.width(), first.height());
     match film.edit {
         Edit::None => {}
@@ -153,7 +162,7 @@ pub fn spoil(
         frames = read_clip(&path, &ReadOptions::default())?.frames().to_vec();
         std::fs::remove_file(&path).map_err(|source| EngineError::Io { path, source })?;
     }
-    Ok((frames, shots))
+    Ok(Spoilt { frames, shots })
 }
 
 /// Frames with other levels, 0 to 1.

@@ -1,9 +1,10 @@
 //! What leaks: a copy, several that were mixed, or a copy that somebody worked on.
 
-use guard4d_engine::base::prf::{MasterSecret, Prf, Purpose, standard_normal, uniform_unit};
+use guard4d_engine::base::numbers::narrow;
+use guard4d_engine::base::prf::{MasterSecret, Prf, Purpose, standard_normal, uniform_below, uniform_unit};
 use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::scene::Gaussians;
-use guard4d_engine::scene::gaussians::{CHANNELS, SH_FLOATS};
+use guard4d_engine::scene::gaussians::{CHANNELS, SH_FLOATS, Y0};
 
 /// The first copy that leaks; mixtures take those behind it.
 pub const LEAKED: u64 = 70_123;
@@ -96,7 +97,7 @@ impl Leak {
             }
             Self::Noise(deviation) => {
                 for row in gaussians.sh_coeffs.chunks_exact_mut(SH_FLOATS) {
-                    let noise = |dc: &mut f32| *dc += (deviation / 0.282_095 * standard_normal(&mut rng)) as f32;
+                    let noise = |dc: &mut f32| *dc += narrow(deviation / Y0 * standard_normal(&mut rng));
                     row[..CHANNELS].iter_mut().for_each(noise);
                 }
             }
@@ -128,7 +129,7 @@ fn mixed(issue: &Issue<'_>, rule: Rule, count: usize) -> Vec<f32> {
     let copies: Vec<Vec<f32>> = (LEAKED..).take(count).map(|copy| issue.stamp(copy)).collect();
     let mut out = copies[0].clone();
     for (row, start) in out.chunks_exact_mut(SH_FLOATS).zip((0..).step_by(SH_FLOATS)) {
-        let one = (uniform_unit(&mut rng) * count as f64) as usize;
+        let one = uniform_below(&mut rng, u32::try_from(count).unwrap_or(u32::MAX)) as usize;
         for (channel, dc) in row[..CHANNELS].iter_mut().enumerate() {
             let mut values: Vec<f32> = copies.iter().map(|copy| copy[start + channel]).collect();
             let drawn = values[one.min(count - 1)];

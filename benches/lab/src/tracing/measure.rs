@@ -10,10 +10,11 @@ use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::fingerprint::power::unspoilt_score;
 use guard4d_engine::fingerprint::seen::Seen;
 use guard4d_engine::fingerprint::trace::{Decoys, Scorer};
-use guard4d_engine::media::Frame;
-use guard4d_engine::scene::{Camera, Model};
+use guard4d_engine::scene::Model;
 use guard4d_kernels::Device;
 use serde::{Deserialize, Serialize};
+
+use super::film::Spoilt;
 
 /// Copies that a family p-value is for.
 const FAMILY: f64 = 1e6;
@@ -65,17 +66,11 @@ pub struct Reading {
 ///
 /// # Errors
 /// When the device fails.
-pub fn film(
-    device: &Device,
-    issue: &Issue<'_>,
-    frames: &[Frame],
-    shots: &[(Camera, f32)],
-    copies: &[u64],
-) -> Result<Reading, EngineError> {
+pub fn film(device: &Device, issue: &Issue<'_>, spoilt: &Spoilt, copies: &[u64]) -> Result<Reading, EngineError> {
     let started = Instant::now();
     let mut exposures = Exposures::new(device, issue.model())?;
     let mut detail = None;
-    for (frame, &(camera, time)) in frames.iter().zip(shots) {
+    for (frame, &(camera, time)) in spoilt.frames.iter().zip(&spoilt.shots) {
         let shot = Shot { frame, camera, time };
         let detail = match detail {
             Some(detail) => detail,

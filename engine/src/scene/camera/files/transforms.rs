@@ -124,13 +124,14 @@ impl CameraSet {
     /// pixels to some 1e-5 px, and the same times. Each frame has a lens of its own.
     #[must_use]
     pub fn film_json(&self) -> Vec<u8> {
-        let frames: Vec<_> = self.clips().concat().iter().enumerate().map(|(n, shot)| frame_json(n, *shot)).collect();
+        let frames: Vec<_> =
+            self.clips().concat().iter().enumerate().map(|(n, (camera, time))| frame_json(n, camera, *time)).collect();
         to_file(&json!({ "in_sequence": true, "frames": frames }))
     }
 }
 
 /// One frame of [`CameraSet::film_json`].
-fn frame_json(number: usize, (camera, time): (Camera, f32)) -> serde_json::Value {
+fn frame_json(number: usize, camera: &Camera, time: f32) -> serde_json::Value {
     let pose = camera.world_to_camera.as_dmat4();
     let turn = DMat3::from_mat4(pose).transpose();
     let position = -(turn * pose.w_axis.truncate());
