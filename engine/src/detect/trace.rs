@@ -24,7 +24,7 @@ pub const DEFAULT_FPR: f64 = 1e-6;
 /// Copies that were never made, scored for comparison.
 const DECOYS: u64 = 10_000;
 /// What is left of a mark in the worst film that a copy is still asked to be found in, as a share of the score.
-const LEAST_GAIN: f64 = 0.1;
+const LEAST_GAIN: f64 = 0.08;
 /// Standard deviations by which such a film would have to be over the threshold, before silence is taken for an answer.
 const MARGIN: f64 = 3.0;
 /// How far the shapes of frames and cameras may differ, as a share: sides are rounded to whole, even pixels.
