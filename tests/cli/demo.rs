@@ -137,7 +137,7 @@ fn a_demonstration_ends_and_tells_everything() {
     assert_eq!(row(&run.stdout, "evidence"), "exact p-value: the extractor never saw the message", "in words");
     let p = row(&run.stdout, "p-value");
     assert!(p.contains("exact") && number(p) > 0.0 && number(p) <= 1.0, "{p}");
-    assert!(run.stderr.contains("4/4 verify") && run.stderr.contains("are in"), "{}", run.stderr);
+    assert!(run.stderr.contains("5/5 trace") && run.stderr.contains("are in"), "{}", run.stderr);
     let receipt = stand.written();
     assert_eq!(receipt.body.settings["input"], "demo-scene", "what was marked");
     let shown = number(row(&run.stdout, SHARES[0]));

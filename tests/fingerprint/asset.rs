@@ -253,7 +253,7 @@ fn copies_in_other_formats_name_themselves() {
 }
 
 #[test]
-fn nobody_is_named_by_an_unmarked_asset_or_anothers() {
+fn nobody_is_named_by_an_unmarked_asset_or_another_one() {
     let Some(gpu) = device() else { return };
     let model = demo();
     let issue = Issue::new(&model, prf(23), STRENGTH);

@@ -7,7 +7,7 @@ use crate::base::prf::Prf;
 use crate::error::EngineError;
 use crate::picture::metrics::{Picture, PsnrSummary, SquaredError};
 use crate::render::SceneRenderer;
-use crate::scene::camera::paths::{Lens, Orbit};
+use crate::scene::camera::paths::{Lens, Orbit, USUAL_FOV_X_RAD};
 use crate::scene::{Camera, FrameSize, LookAt, Model};
 
 /// PSNR of a copy that is asked for unless something else is, dB.
@@ -17,8 +17,6 @@ pub const DEFAULT_PSNR_DB: f64 = 49.0;
 const ELEVATIONS_DEG: [f64; 3] = [-20.0, 20.0, 60.0];
 const VIEWS: u32 = 4;
 const SIDE_PX: u32 = 400;
-/// Horizontal field of view, rad: the one that D-NeRF scenes are filmed with.
-const FOV_X_RAD: f64 = 0.691_111_2;
 /// Times that a strength is measured and set right: colours that have no room for more make it less than proportional.
 const ROUNDS: usize = 3;
 /// Strength at most, where hardly anything is seen of the asset: four times the usual amplitudes.
@@ -59,8 +57,8 @@ pub fn strength_for(device: &Device, model: &Model, prf: &Prf, psnr_db: f64) -> 
 
 /// Views from all around, spread over the motion.
 fn views(model: &Model) -> Result<Vec<(Camera, f32)>, EngineError> {
-    let lens = Lens { fov_x_rad: FOV_X_RAD, size: FrameSize::new(SIDE_PX, SIDE_PX)? };
-    let look_at = LookAt::of(model, FOV_X_RAD);
+    let lens = Lens { fov_x_rad: USUAL_FOV_X_RAD, size: FrameSize::new(SIDE_PX, SIDE_PX)? };
+    let look_at = LookAt::of(model, USUAL_FOV_X_RAD);
     let mut cameras = Vec::new();
     for elevation_deg in ELEVATIONS_DEG {
         let orbit = Orbit { views: VIEWS, elevation_deg, look_at, lens };

@@ -53,6 +53,14 @@ pub struct Terms {
     pub receipt: Option<Digest>,
 }
 
+impl Terms {
+    /// What the code and all chips follow from, as a function.
+    #[must_use]
+    pub fn prf(&self) -> Prf {
+        Prf::new(&self.secret)
+    }
+}
+
 /// A copy as the ledger knows it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CopyRecord {
@@ -148,7 +156,7 @@ impl Ledger {
     /// What its code and chips follow from.
     #[must_use]
     pub fn prf(&self) -> Prf {
-        Prf::new(&self.terms.secret)
+        self.terms.prf()
     }
 
     /// Checks that an asset is the one that this issue is of.

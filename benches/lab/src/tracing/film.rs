@@ -9,12 +9,10 @@ use guard4d_engine::media::framing::Rect;
 use guard4d_engine::media::{Frame, ReadOptions, read_clip};
 use guard4d_engine::picture::distortion::DistortionChain;
 use guard4d_engine::scene::camera::classes::CameraClass;
-use guard4d_engine::scene::camera::paths::Lens;
+use guard4d_engine::scene::camera::paths::{Lens, USUAL_FOV_X_RAD};
 use guard4d_engine::scene::{Camera, FrameSize, LookAt, Model};
 use guard4d_kernels::Device;
 
-/// Horizontal field of view that classes start from, rad: the one that D-NeRF scenes are filmed with.
-const FOV_X_RAD: f64 = 0.691_111_2;
 /// Where between two moments a film's times lie, so that no other's are among them.
 const BETWEEN: f32 = 0.37;
 
@@ -106,8 +104,8 @@ pub const FILMS: [Film; 26] = [
 /// # Errors
 /// For a size that is none.
 pub fn shots(model: &Model, class: CameraClass, frames: u32, side_px: u32) -> Result<Vec<(Camera, f32)>, EngineError> {
-    let lens = Lens { fov_x_rad: FOV_X_RAD, size: FrameSize::new(side_px, side_px)? };
-    let cameras = class.cameras(LookAt::of(model, FOV_X_RAD), lens, frames)?;
+    let lens = Lens { fov_x_rad: USUAL_FOV_X_RAD, size: FrameSize::new(side_px, side_px)? };
+    let cameras = class.cameras(LookAt::of(model, USUAL_FOV_X_RAD), lens, frames)?;
     let time = |i: usize| (i as f32 + BETWEEN) / frames as f32;
     Ok(cameras.views.iter().enumerate().map(|(i, view)| (view.camera, time(i))).collect())
 }

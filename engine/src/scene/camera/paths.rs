@@ -11,6 +11,9 @@ use super::look_at::LookAt;
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 
+/// Horizontal field of view that D-NeRF scenes are filmed with, rad.
+pub const USUAL_FOV_X_RAD: f64 = 0.691_111_2;
+
 /// Its multiples never come back to the same place of a circle, and leave no large gap.
 const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
 

@@ -1,4 +1,4 @@
-//! `guard4d demo`: the whole way on the embedded scene, with nothing to download.
+//! The demonstration, step by step.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
@@ -12,6 +12,7 @@ use guard4d_engine::detect::report::VerifyReport;
 use guard4d_engine::detect::request::{VerifyInputs, VerifyRequest};
 use guard4d_engine::detect::sought::Sought;
 use guard4d_engine::detect::suspect::Suspect;
+use guard4d_engine::detect::trace::Report as TracingReport;
 use guard4d_engine::detect::verify_cache::VerifyCache;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::evidence::extractor_mode::ExtractorMode;
@@ -28,7 +29,8 @@ use guard4d_engine::watermark::extractor::reader::Reader;
 use guard4d_engine::watermark::key::owner_key::Key;
 use serde::Serialize;
 
-use super::embed::training::train;
+use super::copies::story;
+use crate::commands::embed::training::train;
 use crate::flags::common::Common;
 use crate::flags::overwrite::Overwrite;
 use crate::flags::size::parse_size;
@@ -38,7 +40,7 @@ use crate::ui::document::{Document, Repeat};
 use crate::ui::outcome::Outcome;
 use crate::ui::progress::ObserverBar;
 use crate::ui::report::{cost_rows, evidence_in_words, note, percent, print, reading_rows, table};
-use crate::ui::{stop, verification};
+use crate::ui::{stop, tracing_report, verification};
 
 /// Where the demonstration goes.
 #[derive(Args, Debug)]
@@ -110,6 +112,8 @@ struct Printed<'a> {
     /// Most device memory taken from the driver at one time.
     peak_memory_bytes: u64,
     verification: &'a VerifyReport,
+    /// Whose copy was filmed.
+    tracing: &'a TracingReport,
 }
 
 /// Shares of bits right when the marked clips are read with another key and the owner's extractor.
@@ -143,12 +147,12 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
         None => Ok(Key::generate(&device, &clip, MasterSecret::generate()?, BITS)?.0),
     };
 
-    note(common, "1/4 key: a bit-to-token table and a message decoder, from a fresh master secret");
+    note(common, "1/5 key: a bit-to-token table and a message decoder, from a fresh master secret");
     let owner = timed(&mut seconds, "key", || key(args.short.key.as_deref()))?;
     owner.write(&out.path().join("owner.key"), Existing::Refuse)?;
     let owner = owner.for_asset(model.digest())?;
 
-    note(common, "2/4 embed: small colour offsets on the splats");
+    note(common, "2/5 embed: small colour offsets on the splats");
     let message = owner.own_message();
     let subject = Subject { device: &device, clip: &clip, key: &owner, model: &model, message: &message };
     stop::check()?;
@@ -156,7 +160,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     let embedded = train(embedding, common, None)?;
     seconds.extend(embedded.seconds.clone());
 
-    note(common, "3/4 render: 8-bit frames of views and times that training never saw");
+    note(common, "3/5 render: 8-bit frames of views and times that training never saw");
     let mut cameras = scene.cameras(config.views.size_px)?;
     cameras.views.truncate(args.short.frames.unwrap_or(usize::MAX));
     let delivery = Delivery {
@@ -170,7 +174,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     let rendered = timed(&mut seconds, "render", || render(&delivery, &cameras, out.path()))?;
 
     stop::check()?;
-    note(common, "4/4 verify: from the video alone");
+    note(common, "4/5 verify: from the video alone");
     let inputs = VerifyInputs {
         suspects: vec![Suspect::Video(out.path().join(VIDEO))],
         clean: rendered.clean,
@@ -185,12 +189,15 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     let wrong_key = timed(&mut seconds, "wrong key", || {
         read_with(&key(args.short.wrong_key.as_deref())?, subject, &embedded, &rendered.marked)
     })?;
+    stop::check()?;
+    note(common, "5/5 trace: a copy for each of three recipients; one is filmed from above");
+    let tracing = &timed(&mut seconds, "trace", || story(&device, out.path(), config.views.size_px))?;
     // What was made is kept, whatever becomes of the text about it.
     out.commit()?;
     let evaluation = &rendered.evaluation;
     let evidence = evidence_in_words(evaluation.mode, evaluation.key_rotation.of > 1);
     let (seconds, verification, peak_memory_bytes) = (&seconds, &verification, device.memory_use().peak_reserved_bytes);
-    let result = Printed { evaluation, evidence, wrong_key, seconds, peak_memory_bytes, verification };
+    let result = Printed { evaluation, evidence, wrong_key, seconds, peak_memory_bytes, verification, tracing };
     print(common, &result, human)?;
     note(common, &format!("\nframes, videos, key and receipt are in {}", args.out.display()));
     note(common, &format!("the verdict as a page: {}", args.out.join(PAGE).display()));
@@ -287,5 +294,6 @@ fn human(result: &Printed<'_>) -> String {
         ],
         cost_rows(result.evaluation, result.seconds, result.peak_memory_bytes),
     ];
-    format!("{}\n\nreading {VIDEO}:\n{}", table(&rows.concat()), verification::human(result.verification))
+    let (read, traced) = (verification::human(result.verification), tracing_report::human(result.tracing));
+    format!("{}\n\nreading {VIDEO}:\n{read}\n\nwhose copy was filmed:\n{traced}", table(&rows.concat()))
 }

@@ -1,0 +1,6 @@
+//! `guard4d demo`: the whole way on the embedded scene, with nothing to download.
+
+mod copies;
+mod run;
+
+pub(crate) use run::{DemoArgs, run};
