@@ -62,8 +62,9 @@ impl Stand {
 
     /// Checks what lies in the output folder, and returns the receipt.
     fn written(&self) -> Receipt {
-        let wanted = ["clean-frames", "clean.mp4", "marked", "marked-frames", "marked.mp4"];
-        let wanted = [&wanted[..], &["owner.key", "preview", "private", "verdict.html"]].concat();
+        let films = ["clean-frames", "clean.mp4", "copies", "leaked-copy.json", "leaked-copy.mp4"];
+        let kept = ["marked", "marked-frames", "marked.mp4", "owner.key", "preview", "private", "verdict.html"];
+        let wanted = [&films[..], &kept].concat();
         assert_eq!(names(&self.out), wanted, "frames, videos, model, key, receipt and page");
         let page = fs::read_to_string(self.out.join("verdict.html")).expect("a page");
         assert!(page.contains("marked.mp4") && page.contains("data-compare"), "film and original are compared");
@@ -162,6 +163,13 @@ fn a_demonstration_prints_json_for_programs() {
     }
     assert!(printed["verification"]["evidence"]["verdict"].is_string(), "{printed}");
     assert!(printed["seconds"]["wrong key"].is_number(), "{printed}");
+    // The fingerprint needs no training, and no large pictures.
+    let tracing = &printed["tracing"];
+    assert_eq!(tracing["verdict"], "traced", "{tracing}");
+    assert_eq!(
+        (&tracing["copies"][0]["recipient"], tracing["copies"].as_array().map(Vec::len)),
+        (&"bo".into(), Some(1))
+    );
     assert_eq!(printed["marked"], stand.written().body.figures.bit_accuracy.clip, "as in the receipt");
     let again = stand.repeated();
     assert_eq!(again["evidence"]["matches"], printed["verification"]["evidence"]["matches"], "read again");
