@@ -92,8 +92,10 @@ pub(crate) fn run(args: &StampArgs, common: &Common) -> Result<Outcome, EngineEr
     };
     let model = model::open_in_kind(&args.model, common)?;
     model.check_writable()?;
-    let mut ledger =
-        if args.ledger.exists() { Ledger::open(&args.ledger)? } else { make_ledger(args, &model, common)? };
+    let mut ledger = match Ledger::open(&args.ledger) {
+        Err(EngineError::MissingInput { .. }) => make_ledger(args, &model, common)?,
+        opened => opened?,
+    };
     ledger.check_original(model.digest(), model.gaussians.len())?;
     let records = reserve(&mut ledger, &recipients, args.again)?;
     let terms = ledger.terms().clone();
@@ -128,7 +130,11 @@ fn make_ledger(args: &StampArgs, model: &Model, common: &Common) -> Result<Ledge
     let receipt = args.receipt.as_deref().map(Digest::of_file).transpose()?;
     let (original, splats) = (model.digest(), model.gaussians.len() as u64);
     let terms = Terms { secret, original, splats, strength, psnr_db: args.target_psnr, receipt };
-    let ledger = Ledger::create(&args.ledger, &terms)?;
+    let ledger = match Ledger::create(&args.ledger, &terms) {
+        // Somebody was faster, such as another row of a farm: theirs holds.
+        Err(EngineError::CannotCreate { .. }) if args.ledger.is_file() => return Ledger::open(&args.ledger),
+        made => made?,
+    };
     note(common, &secrecy(&args.ledger));
     Ok(ledger)
 }

@@ -282,3 +282,34 @@ fn a_file_of_splats_becomes_a_file_for_each_recipient() {
         ["scene.ply", "copies/ana.ply", "copies/bo.ply"].map(|name| fs::read(at(name)).expect("readable"));
     assert!(original.len() == ana.len() && ana != bo && ana != original);
 }
+
+#[test]
+fn rows_of_a_farm_stamp_and_trace() {
+    if device().is_none() {
+        return;
+    }
+    let folder = scratch();
+    let at = |name: &str| folder.path().join(name);
+    fs::write(at("scene.ply"), ply::encode(&gaussians(300, 1, 5))).expect("writable");
+    let rows: String = (0..6).map(|n| format!("s{n},stamp,scene.ply,copies/{n},show.ledger,name{n}\n")).collect();
+    fs::write(at("stamp.csv"), format!("id,job,input,output,ledger,to\n{rows}")).expect("writable");
+    let run = |name: &str| guard4d(&[&"farm", &"run", &at(name), &"--json"]);
+    // They are done beside each other, and none of them has the ledger made before.
+    let stamped = run("stamp.csv");
+    stamped.done();
+    assert_eq!(json(&stamped)["done"], Value::from(6), "{}", stamped.stderr);
+    let list = json(&guard4d(&[&"ledger", &"list", &at("show.ledger"), &"--json"]));
+    let copies = list.as_array().expect("a list");
+    let mut numbers: Vec<u64> = copies.iter().filter_map(|copy| copy["copy"].as_u64()).collect();
+    numbers.sort_unstable();
+    assert_eq!(numbers, [1, 2, 3, 4, 5, 6], "a number for each");
+    assert!(copies.iter().all(|copy| copy["hash"].is_string()), "all are written: {list}");
+    let trace = "id,job,input,output,ledger,original\nt,trace,copies/4/name4.ply,found.json,show.ledger,scene.ply\n";
+    fs::write(at("trace.csv"), trace).expect("writable");
+    run("trace.csv").done();
+    let found: Value = serde_json::from_slice(&fs::read(at("found.json")).expect("made")).expect("JSON");
+    assert_eq!((&found["verdict"], &found["copies"][0]["recipient"]), (&"traced".into(), &"name4".into()), "{found}");
+    let records = fs::read_dir(at("trace.farm")).expect("made").map(|entry| entry.expect("readable").path());
+    let texts: String = records.filter_map(|path| fs::read_to_string(path).ok()).collect();
+    assert!(texts.contains("traced") && !texts.contains("\"recipient\""), "who is named stands in the file alone");
+}

@@ -174,6 +174,19 @@ impl Partial {
 
     fn commit(mut self) -> Result<(), EngineError> {
         check_free(&self.target, self.existing)?;
+        if self.existing == Existing::Refuse && self.path.is_file() {
+            // A rename would replace what somebody else puts there meanwhile; a second name for the file does not.
+            match fs::hard_link(&self.path, &self.target) {
+                Ok(()) => {
+                    self.committed = true;
+                    fs::remove_file(&self.path).map_err(|source| io_error(&self.path, source))?;
+                    return sync_dir(parent_of(&self.target));
+                }
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => return Err(taken(&self.target)),
+                // Some file systems know no second names.
+                Err(_) => {}
+            }
+        }
         let old = self.move_old_away()?;
         if let Err(source) = fs::rename(&self.path, &self.target) {
             if let Some(old) = old {
@@ -253,12 +266,14 @@ fn io_error(path: &Path, source: std::io::Error) -> EngineError {
 
 fn check_free(target: &Path, existing: Existing) -> Result<(), EngineError> {
     if existing == Existing::Refuse && target.symlink_metadata().is_ok() {
-        return Err(EngineError::CannotCreate {
-            path: target.to_path_buf(),
-            reason: "it exists; --overwrite replaces it".to_owned(),
-        });
+        return Err(taken(target));
     }
     Ok(())
+}
+
+fn taken(target: &Path) -> EngineError {
+    let reason = "it exists; --overwrite replaces it".to_owned();
+    EngineError::CannotCreate { path: target.to_path_buf(), reason }
 }
 
 fn parent_of(target: &Path) -> &Path {
