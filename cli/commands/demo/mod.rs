@@ -2,5 +2,6 @@
 
 mod copies;
 mod run;
+mod wrong_key;
 
 pub(crate) use run::{DemoArgs, run};

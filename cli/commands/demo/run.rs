@@ -20,16 +20,16 @@ use guard4d_engine::media::Frame;
 use guard4d_engine::media::encode::{EncodeOptions, write_video};
 use guard4d_engine::media::png::write_png_folder;
 use guard4d_engine::release::delivery::{self, Delivery, MARKED, PRIVATE, RECEIPT};
-use guard4d_engine::release::evaluate::{Evaluation, HeldOut, mean_accuracy, read_clips};
+use guard4d_engine::release::evaluate::{Evaluation, HeldOut};
 use guard4d_engine::render::render_frames;
 use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{CameraSet, Model};
-use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile, Subject};
-use guard4d_engine::watermark::extractor::reader::Reader;
+use guard4d_engine::watermark::embed::{EmbedConfig, Embedding, Profile, Subject};
 use guard4d_engine::watermark::key::owner_key::Key;
 use serde::Serialize;
 
 use super::copies::story;
+use super::wrong_key::{WrongKey, read_with};
 use crate::commands::embed::training::train;
 use crate::flags::common::Common;
 use crate::flags::overwrite::Overwrite;
@@ -116,15 +116,6 @@ struct Printed<'a> {
     tracing: &'a TracingReport,
 }
 
-/// Shares of bits right when the marked clips are read with another key and the owner's extractor.
-#[derive(Clone, Copy, Debug, Serialize)]
-struct WrongKey {
-    /// Of the other key's own message: chance, unless any key fires on any clip.
-    own_message: f64,
-    /// Of the owner's message. The extractor knows where in CLIP's space each bit lies, so this is what it gives away.
-    owners_message: f64,
-}
-
 /// The delivery's worth on held-out frames, and those frames: one list per clip.
 struct Rendered {
     evaluation: Evaluation,
@@ -175,15 +166,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
 
     stop::check()?;
     note(common, "4/5 verify: from the video alone");
-    let inputs = VerifyInputs {
-        suspects: vec![Suspect::Video(out.path().join(VIDEO))],
-        clean: rendered.clean,
-        ..VerifyInputs::default()
-    };
-    let verification = timed(&mut seconds, "verify", || verify(subject, out.path(), &inputs, common))?;
-    let repeat = Repeat { command: REPEAT.to_owned(), device: device.info().name.clone() };
-    let page = Document { report: &verification, clean: &inputs.clean, repeat }.html()?;
-    AtomicFile::write(&out.path().join(PAGE), Existing::Refuse, page.as_bytes())?;
+    let verification = timed(&mut seconds, "verify", || verify(subject, out.path(), rendered.clean, common))?;
 
     stop::check()?;
     let wrong_key = timed(&mut seconds, "wrong key", || {
@@ -197,11 +180,19 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
     let evaluation = &rendered.evaluation;
     let evidence = evidence_in_words(evaluation.mode, evaluation.key_rotation.of > 1);
     let (seconds, verification, peak_memory_bytes) = (&seconds, &verification, device.memory_use().peak_reserved_bytes);
-    let result = Printed { evaluation, evidence, wrong_key, seconds, peak_memory_bytes, verification, tracing };
-    print(common, &result, human)?;
+    print(
+        common,
+        &Printed { evaluation, evidence, wrong_key, seconds, peak_memory_bytes, verification, tracing },
+        human,
+    )?;
+    say_where(args, common);
+    Ok(Outcome::Judged(verification.evidence.verdict))
+}
+
+/// Says where everything is.
+fn say_where(args: &DemoArgs, common: &Common) {
     note(common, &format!("\nframes, videos, key and receipt are in {}", args.out.display()));
     note(common, &format!("the verdict as a page: {}", args.out.join(PAGE).display()));
-    Ok(Outcome::Judged(verification.evidence.verdict))
 }
 
 /// The demonstration's settings with what flags change.
@@ -244,14 +235,15 @@ fn render(delivery: &Delivery<'_>, cameras: &CameraSet, out: &Path) -> Result<Re
     Ok(Rendered { evaluation, marked, clean })
 }
 
-/// Weighs `inputs` by the receipt in `out`.
+/// Weighs the marked film by the receipt in `out`, and writes the verdict as a page there.
 fn verify(
     subject: Subject<'_>,
     out: &Path,
-    inputs: &VerifyInputs,
+    clean: Vec<Vec<Frame>>,
     common: &Common,
 ) -> Result<VerifyReport, EngineError> {
     let Subject { device, clip, key, model, message } = subject;
+    let inputs = VerifyInputs { suspects: vec![Suspect::Video(out.join(VIDEO))], clean, ..VerifyInputs::default() };
     let request = VerifyRequest {
         device,
         clip,
@@ -264,23 +256,11 @@ fn verify(
         claims: NonZeroU32::MIN,
         cache: &VerifyCache::default(),
     };
-    request.verify_observed(inputs, &read_options(), &mut ObserverBar::new(common))
-}
-
-/// What someone with another key reads from the marked clips when the owner's extractor is lent to them.
-fn read_with(
-    other: &Key,
-    subject: Subject<'_>,
-    embedded: &Embedded,
-    marked: &[Vec<Frame>],
-) -> Result<WrongKey, EngineError> {
-    let other = &other.for_asset(subject.model.digest())?;
-    let mut reader = Reader::new(subject.device, subject.clip, other, &embedded.extractor)?;
-    let readings = read_clips(&mut reader, marked, other.bits())?;
-    Ok(WrongKey {
-        own_message: mean_accuracy(&readings, &other.own_message())?,
-        owners_message: mean_accuracy(&readings, subject.message)?,
-    })
+    let report = request.verify_observed(&inputs, &read_options(), &mut ObserverBar::new(common))?;
+    let repeat = Repeat { command: REPEAT.to_owned(), device: device.info().name.clone() };
+    let page = Document { report: &report, clean: &inputs.clean, repeat }.html()?;
+    AtomicFile::write(&out.join(PAGE), Existing::Refuse, page.as_bytes())?;
+    Ok(report)
 }
 
 fn human(result: &Printed<'_>) -> String {
