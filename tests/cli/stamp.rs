@@ -313,3 +313,34 @@ fn rows_of_a_farm_stamp_and_trace() {
     let texts: String = records.filter_map(|path| fs::read_to_string(path).ok()).collect();
     assert!(texts.contains("traced") && !texts.contains("\"recipient\""), "who is named stands in the file alone");
 }
+
+#[test]
+fn the_lab_measures_how_far_a_copy_stands_out() {
+    if device().is_none() || !crate::support::has_ffmpeg() {
+        return;
+    }
+    let (folder, scene) = (scratch(), DemoScene::unpack().expect("the scene unpacks"));
+    let out = folder.path().join("readings.csv");
+    let measure = |more: &[&str]| {
+        let mut args: Vec<&dyn AsRef<std::ffi::OsStr>> = vec![&"lab", &"tracing"];
+        let path = scene.path();
+        args.extend([&path as &dyn AsRef<_>, &"--keys", &"1", &"--frames", &"12", &"--side", &"160", &"--out", &out]);
+        args.extend(more.iter().map(|word| word as &dyn AsRef<_>));
+        guard4d(&args).done();
+        fs::read_to_string(&out).expect("a table")
+    };
+    let films = measure(&["--films", "png,h264 23,rows,gamma 0.8"]);
+    assert_eq!(films.lines().count(), 1 + 4, "{films}");
+    let innocent = measure(&["--films", "png", "--part", "innocent"]);
+    assert!(innocent.starts_with(&films), "what is there is not measured again");
+    let head: Vec<&str> = films.lines().next().expect("a head").split(',').collect();
+    let column = |line: &str, name: &str| {
+        let at = head.iter().position(|column| *column == name).expect("a column");
+        line.split(',').nth(at).expect("a cell").to_owned()
+    };
+    for line in innocent.lines().skip(1) {
+        let is_copy = column(line, "leak") == "copy";
+        assert_eq!(column(line, "named"), if is_copy { "1" } else { "0" }, "{line}");
+        assert_eq!(column(line, "wrong"), "0", "{line}");
+    }
+}

@@ -50,7 +50,7 @@ fn help_goes_to_stdout_and_names_the_exit_codes() {
     assert!(!run.stdout.contains("lab "), "research stands aside:\n{}", run.stdout);
     let lab = guard4d(&[&"lab", &"--help"]);
     lab.done();
-    for command in ["study", "pretrain", "dump", "isa"] {
+    for command in ["study", "tracing", "pretrain", "dump", "isa"] {
         assert!(lab.stdout.contains(&format!("  {command}")), "{command}:\n{}", lab.stdout);
     }
     for (command, tensor) in [("clip", "v_pixel_values [G,3,S,S]"), ("resize", "v_y [F,h,w,C]"), ("adam", "hyper [4]")]

@@ -5,6 +5,7 @@ use guard4d_kernels::Device;
 use super::issue::Issue;
 use crate::base::prf::Prf;
 use crate::error::EngineError;
+use crate::media::Frame;
 use crate::picture::metrics::{Picture, PsnrSummary, SquaredError};
 use crate::render::SceneRenderer;
 use crate::scene::camera::paths::{Lens, Orbit, USUAL_FOV_X_RAD};
@@ -14,7 +15,7 @@ use crate::scene::{Camera, FrameSize, LookAt, Model};
 pub const DEFAULT_PSNR_DB: f64 = 49.0;
 
 /// Elevations that the views stand on, degrees, and how many on each.
-const ELEVATIONS_DEG: [f64; 3] = [-20.0, 20.0, 60.0];
+const ELEVATIONS_DEG: [f64; 3] = [-20.0, 30.0, 60.0];
 const VIEWS: u32 = 4;
 const SIDE_PX: u32 = 400;
 /// Times that a strength is measured and set right: colours that have no room for more make it less than proportional.
@@ -43,10 +44,7 @@ pub fn strength_for(device: &Device, model: &Model, prf: &Prf, psnr_db: f64) -> 
     for _ in 0..ROUNDS {
         issue = issue.with_strength(strength);
         let marked = pictures(device, model, &issue.stamp(TRIAL_COPY), &shots)?;
-        let error = |(a, b): (&Vec<f32>, &Vec<f32>)| {
-            let [a, b] = [a, b].map(|pixels| Picture::from_rgba32f(SIDE_PX, SIDE_PX, pixels));
-            SquaredError::between(&a?, &b?)
-        };
+        let error = |(a, b): (&Frame, &Frame)| SquaredError::between(&Picture::from_frame(a), &Picture::from_frame(b));
         let errors = clean.iter().zip(&marked).map(error).collect::<Result<Vec<_>, _>>()?;
         let measured = PsnrSummary::of(&errors).map_or(f64::INFINITY, |psnr| psnr.pooled_db.0);
         // Errors grow with the square of what is added.
@@ -68,19 +66,19 @@ fn views(model: &Model) -> Result<Vec<(Camera, f32)>, EngineError> {
     Ok(cameras.into_iter().zip(0u8..).map(|(camera, i)| (camera, (f32::from(i) + 0.5) / count)).collect())
 }
 
-/// What the model looks like with these coefficients.
-pub(super) fn pictures(
+/// What the model looks like with these coefficients, in 8 bits, as films show it.
+fn pictures(
     device: &Device,
     model: &Model,
     sh_coeffs: &[f32],
     shots: &[(Camera, f32)],
-) -> Result<Vec<Vec<f32>>, EngineError> {
+) -> Result<Vec<Frame>, EngineError> {
     let mut gaussians = model.gaussians.clone();
     gaussians.sh_coeffs.copy_from_slice(sh_coeffs);
     let mut renderer = SceneRenderer::new(device, &gaussians, &model.motion, model.background)?;
     let mut pictures = Vec::new();
-    renderer.render_clips(&[shots.to_vec()], |_, _, pixels| {
-        pictures.push(pixels.to_vec());
+    renderer.render_clips(&[shots.to_vec()], |_, camera, pixels| {
+        pictures.push(Frame::from_rgba32f(camera.width, camera.height, pixels)?);
         Ok(())
     })?;
     Ok(pictures)
