@@ -28,7 +28,8 @@ pub(super) const TRIAL_COPY: u64 = u64::MAX;
 /// The strength with which a copy of `model` differs from it by `psnr_db` on views from all around.
 ///
 /// # Errors
-/// [`EngineError::Usage`] for a PSNR that is no positive number; when memory runs out or the device fails.
+/// [`EngineError::Usage`] for a PSNR that is no positive number, and for a model of which no change is seen; when
+/// memory runs out or the device fails.
 pub fn strength_for(device: &Device, model: &Model, prf: &Prf, psnr_db: f64) -> Result<f64, EngineError> {
     if !(psnr_db.is_finite() && psnr_db > 0.0) {
         return Err(EngineError::Usage {
@@ -47,6 +48,13 @@ pub fn strength_for(device: &Device, model: &Model, prf: &Prf, psnr_db: f64) -> 
         let error = |(a, b): (&Frame, &Frame)| SquaredError::between(&Picture::from_frame(a), &Picture::from_frame(b));
         let errors = clean.iter().zip(&marked).map(error).collect::<Result<Vec<_>, _>>()?;
         let measured = PsnrSummary::of(&errors).map_or(f64::INFINITY, |psnr| psnr.pooled_db.0);
+        if measured.is_infinite() {
+            return Err(EngineError::Usage {
+                what: "model to stamp".to_owned(),
+                got: "no change of any base colour is seen from anywhere around it".to_owned(),
+                expected: "one whose splats are seen, with colours that can be moved".to_owned(),
+            });
+        }
         // Errors grow with the square of what is added.
         strength = (strength * 10f64.powf((measured - psnr_db) / 20.0)).min(STRONGEST);
     }

@@ -12,6 +12,8 @@ use crate::scene::gaussians::{CHANNELS, SH_FLOATS, Y0};
 /// The part of the way to black or white that a splat's offsets may take together as plain signs: beyond it one of the
 /// two signs would be cut off.
 const ROOM: f64 = 0.5;
+/// What amplitudes may be multiplied by all the same: pure colours have a channel at an end, and the others still move.
+const LEAST_ROOM: f64 = 0.5;
 
 /// An asset and what its copies are stamped by.
 #[derive(Debug)]
@@ -152,5 +154,6 @@ fn room(dc: &[f32]) -> f64 {
         let colour = 0.5 + Y0 * f64::from(*dc);
         if colour.is_finite() { colour.min(1.0 - colour).max(0.0) } else { 0.0 }
     };
-    ROOM / all * dc.iter().map(to_the_end).fold(f64::INFINITY, f64::min)
+    let room = ROOM / all * dc.iter().map(to_the_end).fold(f64::INFINITY, f64::min);
+    if dc.iter().all(|dc| dc.is_finite()) { room.max(LEAST_ROOM) } else { 0.0 }
 }
