@@ -3,11 +3,12 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use guard4d_engine::base::output::{AtomicFile, Existing};
+use guard4d_engine::base::digest::Digest;
+use guard4d_engine::base::output::AtomicFile;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::release::issue_root::root_of;
 use guard4d_engine::release::ledger::{CopyRecord, Ledger, Terms};
-use guard4d_engine::release::recipients::{Recipient, parse_list, read_table};
+use guard4d_engine::release::recipients::{Recipient, read};
 use serde::Serialize;
 
 use crate::flags::common::Common;
@@ -140,10 +141,7 @@ pub(crate) fn run(args: &LedgerArgs, common: &Common) -> Result<Outcome, EngineE
 }
 
 fn add(args: &AddArgs, common: &Common) -> Result<(), EngineError> {
-    let recipients = match &args.recipients {
-        Some(table) => read_table(table)?,
-        None => parse_list(args.names.iter().map(String::as_str))?,
-    };
+    let recipients = read(args.recipients.as_deref(), &args.names)?;
     let records = Ledger::open(&args.file.ledger)?.reserve(&recipients)?;
     print(common, &records, |records| lines(records))
 }
@@ -154,15 +152,12 @@ fn show(args: &ShowArgs, common: &Common) -> Result<(), EngineError> {
         let about = About::of(&ledger)?;
         return print(common, &about, About::human);
     };
-    let copies = ledger.copies()?;
-    let folded = Recipient::new(copy).map(|recipient| recipient.folded()).unwrap_or_default();
-    let is_it = |record: &&CopyRecord| {
-        record.recipient.to_lowercase() == folded
-            || record.copy.to_string() == *copy
-            || record.hash.is_some_and(|hash| hash.to_string() == *copy)
-    };
-    match copies.iter().find(is_it) {
-        Some(record) => print(common, record, |record| lines(std::slice::from_ref(record))),
+    let of_recipient =
+        Recipient::new(copy).ok().map(|recipient| ledger.of_recipient(&recipient)).transpose()?.flatten();
+    let of_number = copy.parse().ok().map(|number| ledger.of_number(number)).transpose()?.flatten();
+    let of_hash = Digest::from_hex(copy).map(|hash| ledger.of_hash(hash)).transpose()?.flatten();
+    match of_recipient.or(of_number).or(of_hash) {
+        Some(record) => print(common, &record, |record| lines(std::slice::from_ref(record))),
         None => Err(EngineError::Usage {
             what: "copy".to_owned(),
             got: copy.clone(),
@@ -184,13 +179,8 @@ fn export(args: &ExportArgs) -> Result<(), EngineError> {
             });
         }
     };
-    write_private(args, &bytes)
-}
-
-/// Who got what is nobody else's business.
-fn write_private(args: &ExportArgs, bytes: &[u8]) -> Result<(), EngineError> {
-    let existing: Existing = args.overwrite.existing();
-    AtomicFile::write_private(&args.out, existing, bytes)
+    // Who got what is nobody else's business.
+    AtomicFile::write_private(&args.out, args.overwrite.existing(), &bytes)
 }
 
 impl About {

@@ -9,7 +9,7 @@ use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::fidelity::{DEFAULT_PSNR_DB, strength_for};
 use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::release::ledger::{CopyRecord, Ledger, Terms};
-use guard4d_engine::release::recipients::{Recipient, parse_list, read_table};
+use guard4d_engine::release::recipients::{Recipient, read};
 use guard4d_engine::release::stamping::{CopyFolder, Stamped, stamp_all};
 use guard4d_engine::scene::Model;
 use serde::Serialize;
@@ -86,10 +86,7 @@ struct Copy {
 
 pub(crate) fn run(args: &StampArgs, common: &Common) -> Result<Outcome, EngineError> {
     stop::listen(common);
-    let recipients = match &args.recipients {
-        Some(table) => read_table(table)?,
-        None => parse_list(args.to.iter().map(String::as_str))?,
-    };
+    let recipients = read(args.recipients.as_deref(), &args.to)?;
     let model = model::open_in_kind(&args.model, common)?;
     model.check_writable()?;
     let mut ledger = match Ledger::open(&args.ledger) {

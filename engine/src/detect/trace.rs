@@ -157,10 +157,10 @@ impl std::fmt::Debug for Gathered {
 }
 
 impl<'a> KnownFilm<'a> {
-    /// A film with cameras, of which those of the frames are taken that `source` reads: every `every`th from `start`.
+    /// A film with its cameras, which are brought to the size of its frames.
     ///
     /// # Errors
-    /// [`EngineError::BadData`] for cameras of another shape than the frames; those of reading one.
+    /// [`EngineError::Usage`] for cameras of another shape than the frames; those of reading one.
     pub fn new(path: &'a Path, source: &'a FrameSource, cameras: &CameraSet) -> Result<Self, EngineError> {
         let (width, height) = source.size_px()?;
         let size = FrameSize::new(width, height)?;
@@ -213,12 +213,7 @@ pub fn gather(
                 all.add(issue, &mut exposures)?;
                 exposures.clear();
             }
-            let shot = Shot { frame: &frame, camera, time };
-            let detail = match detail {
-                Some(detail) => detail,
-                None => *detail.insert(exposures.detail_of(&shot)?),
-            };
-            exposures.add(&shot, detail)
+            exposures.add_of_film(&Shot { frame: &frame, camera, time }, &mut detail)
         })?;
         if shots.len() > 0 {
             return Err(film.wrong_number("fewer"));

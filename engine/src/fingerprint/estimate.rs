@@ -2,9 +2,9 @@
 //! too, and few large ones would outvote all others.
 //!
 //! Films are r = A M z + noise, with the renderer A, amplitudes M and chips z of mean 0 and variance 1. What tells
-//! copies apart best is then (Mᵀ Aᵀ W A M + κσ²)⁻¹ Mᵀ Aᵀ W r, the mean of z after the film is seen; a few steps of
-//! conjugate gradients come near enough. κ is there because a codec's errors are not each pixel's own. Everything here
-//! follows from film, original and amplitudes; no key takes part.
+//! copies apart best is then (Mᵀ Aᵀ W A M + κσ²)⁻¹ Mᵀ Aᵀ W r, the mean of z after the film is seen; a few
+//! steps of conjugate gradients come near enough. κ is there because a codec's errors are not each pixel's own.
+//! Everything here follows from film, original and amplitudes; no key takes part.
 
 use super::issue::Issue;
 use super::seen::{Seen, SplatEvidence};

@@ -140,11 +140,23 @@ impl Exposures {
         Ok(())
     }
 
+    /// Adds a frame of a film of which it is not yet known how finely it was drawn, or is since an earlier frame.
+    ///
+    /// # Errors
+    /// As [`add`](Self::add).
+    pub fn add_of_film(&mut self, shot: &Shot<'_>, known: &mut Option<Detail>) -> Result<(), EngineError> {
+        let detail = match *known {
+            Some(detail) => detail,
+            None => *known.insert(self.detail_of(shot)?),
+        };
+        self.add(shot, detail)
+    }
+
     /// How finely a film was drawn that this is a frame of: as it is least different from the unmarked asset.
     ///
     /// # Errors
     /// As [`add`](Self::add).
-    pub fn detail_of(&mut self, shot: &Shot<'_>) -> Result<Detail, EngineError> {
+    fn detail_of(&mut self, shot: &Shot<'_>) -> Result<Detail, EngineError> {
         let mut best = (Detail::AsLarge, f64::INFINITY);
         for detail in Detail::ALL {
             let plan = self.plan(shot, detail)?;

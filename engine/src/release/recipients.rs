@@ -77,6 +77,14 @@ pub fn parse_list<'a>(names: impl IntoIterator<Item = &'a str>) -> Result<Vec<Re
     Ok(recipients)
 }
 
+/// The names of a table where one is given, otherwise `names`.
+///
+/// # Errors
+/// Those of [`read_table`] and [`parse_list`].
+pub fn read(table: Option<&Path>, names: &[String]) -> Result<Vec<Recipient>, EngineError> {
+    table.map_or_else(|| parse_list(names.iter().map(String::as_str)), read_table)
+}
+
 /// Reads the names of a CSV file, from its column `recipient`; other columns are left alone.
 ///
 /// # Errors

@@ -71,12 +71,7 @@ pub fn film(device: &Device, issue: &Issue<'_>, spoilt: &Spoilt, copies: &[u64])
     let mut exposures = Exposures::new(device, issue.model())?;
     let mut detail = None;
     for (frame, &(camera, time)) in spoilt.frames.iter().zip(&spoilt.shots) {
-        let shot = Shot { frame, camera, time };
-        let detail = match detail {
-            Some(detail) => detail,
-            None => *detail.insert(exposures.detail_of(&shot)?),
-        };
-        exposures.add(&shot, detail)?;
+        exposures.add_of_film(&Shot { frame, camera, time }, &mut detail)?;
     }
     score(device, issue, &mut exposures, copies, started)
 }
