@@ -18,6 +18,7 @@ mod farm;
 mod fingerprint;
 mod kernels;
 mod lab;
+mod locate;
 mod media;
 mod networks;
 mod picture;

@@ -123,7 +123,7 @@ impl Copy {
 fn make_ledger(args: &StampArgs, model: &Model, common: &Common) -> Result<Ledger, EngineError> {
     let secret = MasterSecret::generate()?;
     let device = device::open(common)?;
-    let strength = strength_for(&device, model, &Prf::new(&secret), args.target_psnr)?;
+    let strength = strength_for(&device, Issue::new(model, Prf::new(&secret), 1.0), args.target_psnr)?;
     let receipt = args.receipt.as_deref().map(Digest::of_file).transpose()?;
     let (original, splats) = (model.digest(), model.gaussians.len() as u64);
     let terms = Terms { secret, original, splats, strength, psnr_db: args.target_psnr, receipt };

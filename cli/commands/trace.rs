@@ -3,22 +3,26 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use guard4d_engine::base::digest::Digest;
 use guard4d_engine::base::output::{AtomicFile, Existing};
-use guard4d_engine::detect::trace::{
-    DEFAULT_FPR, Gathered, KnownFilm, Report, TraceRequest, gather, gather_asset, judge,
-};
+use guard4d_engine::detect::exhibit::Beside;
+use guard4d_engine::detect::gathered::{Gathered, KnownFilm, gather, gather_asset};
+use guard4d_engine::detect::trace::{DEFAULT_FPR, Report, TraceRequest, judge};
 use guard4d_engine::device::Device;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::media::FrameSource;
+use guard4d_engine::release::issue_root::root_of;
 use guard4d_engine::release::ledger::Ledger;
 use guard4d_engine::scene::recognise::is_model;
 use guard4d_engine::scene::{CameraSet, FrameSize};
 
 use crate::flags::common::Common;
+use crate::flags::overwrite::Overwrite;
 use crate::shared::farm_job::FarmJob;
 use crate::shared::media::read_options;
 use crate::shared::{device, model};
+use crate::ui::document::{Part, Repeat, TraceDocument};
 use crate::ui::outcome::Outcome;
 use crate::ui::progress::bar;
 use crate::ui::report::print;
@@ -48,6 +52,14 @@ pub(crate) struct TraceArgs {
     /// Score numbers up to this, where the ledger was lost and knows fewer
     #[arg(long, value_name = "N", default_value_t = 0)]
     copies: u64,
+    /// Write the answer as a page for people: one HTML file that needs no other and no network
+    ///
+    /// It shows who is named, how rare that is by chance, frames beside the original, hashes, and how somebody else
+    /// repeats it.
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: Overwrite,
 }
 
 pub(crate) const FARM: FarmJob = FarmJob {
@@ -55,7 +67,7 @@ pub(crate) const FARM: FarmJob = FarmJob {
     has_input: true,
     needs_device: true,
     arguments: |row, _| vec!["--".to_owned(), row.input.clone()],
-    reserved: &[],
+    reserved: &["overwrite"],
     keep: |path, report| {
         let text = serde_json::to_vec_pretty(&report).expect("it came as JSON");
         AtomicFile::write(path, Existing::Replace, &text)?;
@@ -74,19 +86,49 @@ pub(crate) fn run(args: &TraceArgs, common: &Common) -> Result<Outcome, EngineEr
             expected: "a probability between 0 and 1".to_owned(),
         });
     }
+    // Whether it may be written is known before the films are read.
+    let page = args.report.as_deref().map(|path| AtomicFile::create(path, args.overwrite.existing())).transpose()?;
     let ledger = Ledger::open(&args.ledger)?;
     let original = model::open_in_kind(&args.original, common)?;
     ledger.check_original(original.digest(), original.gaussians.len())?;
     let issue = Issue::new(&original, ledger.prf(), ledger.terms().strength);
     let device = device::open(common)?;
-    let mut gathered = match args.leaks.as_slice() {
-        [asset] if is_model(asset)? => gather_asset(&issue, asset, &model::open_in_kind(asset, common)?)?,
-        films => gather_films(films, args, &Tracer { device: &device, issue: &issue }, common)?,
+    let mut leak = match args.leaks.as_slice() {
+        [asset] if is_model(asset)? => {
+            let gathered = gather_asset(&issue, asset, &model::open_in_kind(asset, common)?)?;
+            Leak { gathered, beside: Vec::new() }
+        }
+        films => read_films(films, args, &Tracer { device: &device, issue: &issue }, common)?,
     };
     let request = TraceRequest { device: &device, issue: &issue, ledger: &ledger, copies: args.copies, fpr: args.fpr };
-    let report: Report = judge(&request, &mut gathered)?;
+    let report: Report = judge(&request, &mut leak.gathered)?;
+    if let Some(page) = page {
+        let document = TraceDocument {
+            report: &report,
+            beside: &leak.beside,
+            parts: &parts(args, original.digest())?,
+            root: root_of(&ledger)?.root(),
+            repeat: Repeat::now(&device),
+        };
+        page.finish(document.html()?.as_bytes())?;
+    }
     print(common, &report, human)?;
     Ok(Outcome::Traced(report.verdict))
+}
+
+/// What was read, by its hashes.
+fn parts(args: &TraceArgs, original: Digest) -> Result<Vec<Part>, EngineError> {
+    let of = |what| move |path: &PathBuf| Ok(Part { what, path: path.clone(), hash: Digest::of_path(path)? });
+    let leaks = args.leaks.iter().map(of("leak"));
+    let cameras = args.cameras.iter().map(of("cameras"));
+    let original = Part { what: "original", path: args.original.clone(), hash: original };
+    leaks.chain(cameras).chain(std::iter::once(Ok(original))).collect()
+}
+
+/// What a leak says, and frames to show of it.
+struct Leak {
+    gathered: Gathered,
+    beside: Vec<Beside>,
 }
 
 /// What films are compared with, and on what.
@@ -95,13 +137,7 @@ struct Tracer<'a> {
     issue: &'a Issue<'a>,
 }
 
-/// What films say.
-fn gather_films(
-    paths: &[PathBuf],
-    args: &TraceArgs,
-    tracer: &Tracer<'_>,
-    common: &Common,
-) -> Result<Gathered, EngineError> {
+fn read_films(paths: &[PathBuf], args: &TraceArgs, tracer: &Tracer<'_>, common: &Common) -> Result<Leak, EngineError> {
     let Tracer { device, issue } = *tracer;
     if args.cameras.len() != paths.len() {
         return Err(EngineError::Usage {
@@ -124,5 +160,6 @@ fn gather_films(
         stop::check()
     })?;
     progress.finish_and_clear();
-    Ok(gathered)
+    let beside = if args.report.is_some() { Beside::of(device, issue.model(), &films)? } else { Vec::new() };
+    Ok(Leak { gathered, beside })
 }

@@ -1,6 +1,5 @@
 //! `guard4d verify`
 
-use std::ffi::OsString;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 
@@ -132,7 +131,8 @@ pub(crate) const FARM: FarmJob = FarmJob {
         AtomicFile::write(path, Existing::Replace, &text)?;
         // The message is in the file alone.
         let evidence = &report["evidence"];
-        Ok(serde_json::json!({ "verdict": evidence["verdict"], "p_value": evidence["p_value"] }))
+        let chips = &report["owner_chips"];
+        Ok(serde_json::json!({ "verdict": report["verdict"], "p_value": evidence["p_value"], "owner_chips": chips }))
     },
     trial: None,
 };
@@ -159,6 +159,10 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
     let trained = args.known_cameras.then(|| receipt.config(&args.receipt)).transpose()?.map(|config| config.views);
     let inputs = VerifyInputs {
         suspects: suspects::open(&args.suspects, &args.views, original.as_ref(), trained.as_ref(), common)?,
+        filmed: match &original {
+            Some(original) => suspects::filmed_by(&args.suspects, &args.views, original, &read_some(&args.frames))?,
+            None => Vec::new(),
+        },
         guesses: args.framing.guesses(),
         unrelated: args.unrelated.clone(),
         clean,
@@ -185,39 +189,13 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
     let options = ReadOptions { framing: args.framing.framing(), ..read_some(&args.frames) };
     let report = request.verify_observed(&inputs, &options, &mut ObserverBar::new(common))?;
     if let Some(page) = page {
-        let repeat = Repeat { command: repeated(std::env::args_os()), device: device.info().name.clone() };
+        let repeat = Repeat::now(&device);
         page.finish(Document { report: &report, clean: &inputs.clean, repeat }.html()?.as_bytes())?;
     }
     print(common, &report, human)?;
-    Ok(Outcome::Judged(report.evidence.verdict))
-}
-
-/// The command line as a shell takes it, without what says where results go.
-fn repeated(arguments: impl Iterator<Item = OsString>) -> String {
-    let mut words = vec!["guard4d".to_owned()];
-    let mut skips = false;
-    for argument in arguments.skip(1) {
-        let word = argument.to_string_lossy();
-        let is_output = matches!(&*word, "--overwrite" | "-w" | "--json") || word.starts_with("--report=");
-        if !skips && !is_output && word != "--report" {
-            words.push(shlex::try_quote(&word).map_or_else(|_| word.to_string(), |quoted| quoted.to_string()));
-        }
-        skips = !skips && word == "--report";
-    }
-    words.join(" ")
+    Ok(Outcome::Judged(report.verdict))
 }
 
 fn parse_digest(text: &str) -> Result<Digest, String> {
     Digest::from_hex(text).ok_or_else(|| "64 hexadecimal digits are expected".to_owned())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_command_is_repeated_without_its_outputs() {
-        let typed = ["/bin/guard4d", "verify", "a b.mp4", "--report", "-w", "-w", "--key", "k", "--report=x", "--json"];
-        assert_eq!(repeated(typed.into_iter().map(OsString::from)), "guard4d verify 'a b.mp4' --key k");
-    }
 }

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use guard4d_engine::detect::suspect::Suspect;
+use guard4d_engine::detect::suspect::{FilmedSuspect, Suspect};
 use guard4d_engine::error::EngineError;
+use guard4d_engine::media::{FrameSource, ReadOptions};
 use guard4d_engine::picture::known_cameras::KnownCameras;
 use guard4d_engine::scene::Model;
 use guard4d_engine::scene::recognise::is_model;
@@ -36,6 +37,27 @@ pub(crate) fn open(
         (false, None) => Ok(Suspect::Video(path.clone())),
     };
     paths.iter().map(suspect).collect()
+}
+
+/// Films that the cameras of --cameras took: those with as many frames as there are cameras and moments.
+pub(crate) fn filmed_by(
+    paths: &[PathBuf],
+    views: &EvaluationViews,
+    original: &Model,
+    options: &ReadOptions,
+) -> Result<Vec<FilmedSuspect>, EngineError> {
+    if views.cameras.is_none() {
+        return Ok(Vec::new());
+    }
+    let cameras = cameras(views, original)?;
+    let moments: u64 = cameras.clips().iter().map(|clip| clip.len() as u64).sum();
+    let mut filmed = Vec::new();
+    for path in paths {
+        if !is_model(path)? && FrameSource::open(path, options)?.expected_frames() == Some(moments) {
+            filmed.push(FilmedSuspect { path: path.clone(), cameras: cameras.clone() });
+        }
+    }
+    Ok(filmed)
 }
 
 /// The cameras that took a film, view by view.

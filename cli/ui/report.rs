@@ -119,3 +119,12 @@ pub(crate) fn evidence_in_words(mode: ExtractorMode, is_chosen: bool) -> &'stati
         (false, _) => "empirical only: the extractor was trained with the message and may hold it itself",
     }
 }
+
+/// 10 to this power, however small.
+pub(crate) fn power(log10: f64) -> String {
+    if log10 > -3.0 {
+        return format!("{:.3}", 10f64.powf(log10));
+    }
+    let exponent = log10.floor();
+    format!("{:.1}e{exponent:.0}", 10f64.powf(log10 - exponent))
+}

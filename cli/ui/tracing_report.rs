@@ -2,21 +2,22 @@
 
 use guard4d_engine::detect::trace::{Named, Report, Tracing};
 
-use super::report::table;
+use super::report::{power, table};
+
+/// What a p-value is not.
+pub(crate) const NOT_INNOCENCE: &str = "The p-value says how rarely chance alone would point at anybody so clearly. It \
+                                        is not the probability that a recipient is innocent, and says nothing of how a \
+                                        copy left.";
 
 /// The verdict, who is named, and what the numbers are not.
 pub(crate) fn human(report: &Report) -> String {
     let mut lines = vec![headline(report)];
     lines.extend(report.copies.iter().map(named));
     if report.verdict == Tracing::Traced {
-        lines.push(
-            "The p-value says how rarely chance alone would point at anybody so clearly. It is not the probability \
-             that a recipient is innocent, and says nothing of how a copy left."
-                .to_owned(),
-        );
+        lines.push(NOT_INNOCENCE.to_owned());
     }
     let required = report.required_score.map_or_else(|| "no score names a copy here".to_owned(), |t| format!("{t:.1}"));
-    let decoys = report.decoys;
+    let decoys = &report.decoys;
     let mut rows = vec![
         (
             "a copy of this issue at all",
@@ -41,7 +42,8 @@ pub(crate) fn human(report: &Report) -> String {
     lines.join("\n")
 }
 
-fn headline(report: &Report) -> String {
+/// The verdict in a sentence.
+pub(crate) fn headline(report: &Report) -> String {
     match report.verdict {
         Tracing::Traced if report.copies.len() == 1 => "TRACED: one copy contributed".to_owned(),
         Tracing::Traced => format!("TRACED: at least {} copies contributed", report.copies.len()),
@@ -57,13 +59,4 @@ fn named(copy: &Named) -> String {
     let who = copy.recipient.clone().unwrap_or_else(|| "a recipient that the ledger does not know".to_owned());
     let p = power(copy.log10_p_family);
     format!("  copy {} of {who} contributed: p <= {p} for all copies together, score {:.1}", copy.copy, copy.score)
-}
-
-/// 10 to this power, however small.
-fn power(log10: f64) -> String {
-    if log10 > -3.0 {
-        return format!("{:.3}", 10f64.powf(log10));
-    }
-    let exponent = log10.floor();
-    format!("{:.1}e{exponent:.0}", 10f64.powf(log10 - exponent))
 }

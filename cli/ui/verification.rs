@@ -1,6 +1,8 @@
 //! A verification's report, for people.
 
 use guard4d_engine::detect::free_part::{Checked, FreePart};
+use guard4d_engine::detect::gathered::SharedClaim;
+use guard4d_engine::detect::owner_chips::ChipsReading;
 use guard4d_engine::detect::report::{Choices, ClipReading, IdEvidence, Undone, VerifyReport};
 use guard4d_engine::evidence::id_code::{IdBits, SearchedP};
 use guard4d_engine::evidence::judgement::PStatement;
@@ -11,20 +13,21 @@ use guard4d_engine::picture::part::Framings;
 use guard4d_engine::picture::undo_guess::UndoGuess;
 
 use super::dates::{date_in_words, not_shown, root_in_words};
-use super::report::{Row, evidence_in_words, percent, table};
+use super::report::{Row, evidence_in_words, percent, power, table};
 
 /// All of it as a table.
 pub(crate) fn human(report: &VerifyReport) -> String {
     let e = &report.evidence;
     let p = p_in_words(&e.p_value);
     let mut rows = vec![
-        ("verdict", format!("{:?}", e.verdict).to_uppercase()),
+        ("verdict", format!("{:?}", report.verdict).to_uppercase()),
         ("dated", date_in_words(&report.standing)),
         ("bits", format!("{} of {} match ({} frames)", e.matches, e.num_bits, report.frames)),
         ("bit accuracy", format!("{}, recovered exactly: {}", percent(e.bit_accuracy), yes_or_no(e.exact))),
         ("evidence", evidence_in_words(e.mode, is_chosen(report)).to_owned()),
         ("p-value", p),
     ];
+    rows.extend(report.owner_chips.as_ref().map(|chips| ("owner's chips", chips_in_words(chips))));
     rows.extend(e.panel.pools.iter().map(|pool| ("control", pool_in_words(pool))));
     rows.extend([
         ("arithmetic: inverted", format!("{} of {} match", e.panel.inverted.chance_deviation.matches, e.num_bits)),
@@ -64,6 +67,14 @@ pub(crate) fn human(report: &VerifyReport) -> String {
     rows.extend(report.standing.root.as_ref().map(|root| ("root", root_in_words(root))));
     rows.push(("not shown here", not_shown(&report.standing).to_owned()));
     table(&rows)
+}
+
+/// What the owner's chips say.
+pub(super) fn chips_in_words(chips: &ChipsReading) -> String {
+    let ChipsReading { claim: SharedClaim { log10_p, score, .. }, frames, searched, proves } = chips;
+    let p = power((log10_p + f64::from(*searched).log10()).min(0.0));
+    let says = if *proves { "they prove it alone" } else { "they prove nothing alone" };
+    format!("p <= {p}, {score:.1} deviations above chance ({frames} frames, times {searched}): {says}")
 }
 
 pub(super) fn pool_in_words(result: &PooledResult) -> String {

@@ -153,6 +153,7 @@ pub(super) fn promise(key: &Key, message: &Message, extractor: &ExtractorWeights
         clip: key.clip,
         preprocess: extractor.preprocess(),
         thresholds: Thresholds::for_bits(key.bits()),
+        owner_chips: None,
         anchor: key.asset().map(|asset| Anchor {
             asset,
             scene: demo_content(),

@@ -23,6 +23,7 @@ mod liar;
 mod man;
 mod models;
 mod outputs;
+mod owner_chips;
 mod pretrain;
 mod reference;
 mod stamp;

@@ -4,6 +4,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use guard4d_engine::base::digest::Digest;
 use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{Model, ply};
 use serde_json::Value;
@@ -104,6 +105,22 @@ fn a_film_from_above_names_the_recipient_and_an_unmarked_one_nobody() {
     // 10,000 decoys: four deviations of their mean and of their mean square.
     let decoys = &found["decoys"];
     assert!(p(&decoys["mean"]).abs() < 0.04 && (p(&decoys["variance"]) - 1.0).abs() < 0.06, "{decoys}");
+    // The same as a page, which is whole, fetches nothing, and is not overwritten unasked.
+    let page = show.at("trace.html");
+    let to_page = ["--report", page.to_str().expect("UTF-8")];
+    show.trace("leak", &to_page).done();
+    let html = fs::read_to_string(&page).expect("a page");
+    let root =
+        json(&guard4d(&[&"ledger", &"commit", &show.at("show.ledger"), &"--out", &show.at("r.json"), &"--json"]));
+    let (leak, root) = (Digest::of_path(&show.at("leak")).expect("a folder"), root["root"].as_str().expect("a hash"));
+    for words in
+        ["TRACED", "<bdi>bo</bdi>", "It is not the probability", "dB from the original", &leak.to_string(), root]
+    {
+        assert!(html.contains(words), "`{words}` is not in {html:.2000}");
+    }
+    assert!(html.matches("data-compare").count() >= 3 && html.contains("default-src 'none'"), "{html:.2000}");
+    assert!(!html.contains("<bdi>ana") && !html.contains("<bdi>cleo"), "who is not named is not on the page");
+    show.trace("leak", &to_page).refused(73, &["trace.html", "exists"]);
     // A ledger that knows nobody: all numbers up to the tenth are looked at, and one has no name.
     let scored = json(&show.trace("leak", &["--json", "--copies", "10"]));
     assert_eq!((&scored["copies_scored"], &scored["copies"][0]["copy"]), (&10.into(), &2.into()));

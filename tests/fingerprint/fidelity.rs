@@ -21,7 +21,7 @@ fn copies_keep_the_psnr_that_was_asked_for() {
     let cameras = scene.cameras((200, 200)).expect("cameras");
     let clean = render_frames(&gpu, &model, &cameras).expect("renders").concat();
     for asked in [DEFAULT_PSNR_DB, 52.0] {
-        let strength = strength_for(&gpu, &model, &prf, asked).expect("measures");
+        let strength = strength_for(&gpu, Issue::new(&model, prf.clone(), 1.0), asked).expect("measures");
         let mut copy = Model::open(scene.path()).expect("the scene opens");
         copy.gaussians.sh_coeffs = Issue::new(&model, prf.clone(), strength).stamp(3);
         let marked = render_frames(&gpu, &copy, &cameras).expect("renders").concat();
@@ -32,7 +32,7 @@ fn copies_keep_the_psnr_that_was_asked_for() {
         assert!((psnr - asked).abs() < 1.5, "{psnr} dB for {asked}");
     }
     for wrong in [0.0, f64::NAN, f64::INFINITY] {
-        let refused = strength_for(&gpu, &model, &prf, wrong);
+        let refused = strength_for(&gpu, Issue::new(&model, prf.clone(), 1.0), wrong);
         assert!(matches!(refused, Err(EngineError::Usage { .. })), "{wrong}: {refused:?}");
     }
 }

@@ -32,7 +32,7 @@ fn prf(seed: u8) -> Prf {
 }
 
 /// Views and times of their own: a circle at 70 degrees above the horizon, 1.3 times as far away as a usual one.
-fn shots_from_above(frames: u32) -> Vec<(Camera, f32)> {
+pub(super) fn shots_from_above(frames: u32) -> Vec<(Camera, f32)> {
     let look_at = LookAt { target: glam::DVec3::new(0.1, 0.0, 0.2), radius: 5.2, up: glam::DVec3::Z };
     let lens = Lens { fov_x_rad: 39.6 * PI / 180.0, size: FrameSize::new(240, 240).expect("a size") };
     let orbit = Orbit { views: frames, elevation_deg: 70.0, look_at, lens };
@@ -42,7 +42,7 @@ fn shots_from_above(frames: u32) -> Vec<(Camera, f32)> {
 }
 
 /// 8-bit frames of the model with these coefficients.
-fn film(gpu: &Gpu, model: &Model, sh_coeffs: Vec<f32>, shots: &[(Camera, f32)]) -> Vec<Frame> {
+pub(super) fn film(gpu: &Gpu, model: &Model, sh_coeffs: Vec<f32>, shots: &[(Camera, f32)]) -> Vec<Frame> {
     let mut gaussians = model.gaussians.clone();
     gaussians.sh_coeffs = sh_coeffs;
     let mut renderer = SceneRenderer::new(gpu, &gaussians, &model.motion, model.background).expect("a renderer");
@@ -61,7 +61,7 @@ fn through_h264(path: &Path, frames: &[Frame]) -> Vec<Frame> {
     read_clip(path, &ReadOptions::default()).expect("decodes").frames().to_vec()
 }
 
-fn exposures(gpu: &Gpu, model: &Model, frames: &[Frame], shots: &[(Camera, f32)]) -> Exposures {
+pub(super) fn exposures(gpu: &Gpu, model: &Model, frames: &[Frame], shots: &[(Camera, f32)]) -> Exposures {
     let mut exposures = Exposures::new(gpu, model).expect("it fits");
     for (frame, &(camera, time)) in frames.iter().zip(shots) {
         exposures.add(&Shot { frame, camera, time }, Detail::AsLarge).expect("gathers");

@@ -4,4 +4,5 @@ mod asset;
 mod code;
 mod fidelity;
 mod film;
+mod issue;
 mod similarity;

@@ -144,6 +144,8 @@ fn offsets_on_all_coefficients_move_resume_deliver_and_can_be_undone() {
     let Some(gpu) = device() else { return };
     let mut owner = Owner::new(&gpu);
     owner.config.fidelity.bases = OffsetBases::All;
+    // What is written is what was embedded, and nothing besides.
+    owner.config.fidelity.chips_db = 0.0;
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let checkpoint = folder.path().join("checkpoint.safetensors");
     let embedded = embed(&gpu, &owner, Some(&checkpoint));

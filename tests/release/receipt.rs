@@ -13,7 +13,8 @@ use guard4d_engine::evidence::thresholds::Thresholds;
 use guard4d_engine::picture::metrics::{Decibels, PsnrSummary, SquaredError};
 use guard4d_engine::release::evaluate::ClassFigure;
 use guard4d_engine::release::receipt::{
-    Anchor, BitAccuracies, DeviceRecord, Figures, FileRecord, Promise, Receipt, ReceiptBody, Repeatability, Tool,
+    Anchor, BitAccuracies, DeviceRecord, Figures, FileRecord, OwnerChips, Promise, Receipt, ReceiptBody, Repeatability,
+    Tool,
 };
 use guard4d_engine::scene::camera::classes::CameraClass;
 use serde_json::Value;
@@ -42,6 +43,7 @@ pub(crate) fn body() -> ReceiptBody {
             clip: Digest::of(b"clip"),
             preprocess: "bilinear-aa/1".to_owned(),
             thresholds: Thresholds::default(),
+            owner_chips: Some(OwnerChips { strength: 0.5 }),
             anchor: Some(Anchor {
                 asset: Digest::of(b"asset"),
                 scene: Digest::of(b"scene"),
@@ -106,15 +108,18 @@ fn layout_of_the_file_does_not_matter() {
 }
 
 #[test]
-fn receipts_from_before_memory_and_ids_are_read() {
+fn receipts_from_before_memory_ids_and_chips_are_read() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("receipt.json");
-    let promise = Promise { payload: None, ..body().promise };
+    let promise = Promise { payload: None, owner_chips: None, ..body().promise };
     let earlier =
         Receipt::seal(ReceiptBody { peak_memory_bytes: None, promise, ..body() }, &signer()).expect("finite figures");
     earlier.write(&path).expect("the folder is writable");
     let text = fs::read_to_string(&path).expect("written above");
-    assert!(!text.contains("peak_memory_bytes") && !text.contains("payload"), "as an earlier version wrote it: {text}");
+    assert!(
+        !text.contains("peak_memory_bytes") && !text.contains("payload") && !text.contains("chips"),
+        "as an earlier version wrote it: {text}"
+    );
     assert_eq!(Receipt::read(&path).expect("its commitment holds"), earlier);
 }
 
@@ -193,7 +198,9 @@ fn figures_that_are_no_numbers_are_not_sealed() {
     let mut class = body();
     let figure = ClassFigure { films: 2, frames: 8, bit_accuracy: f64::NAN, proven: 0.5 };
     class.figures.classes.insert(CameraClass::Above, figure);
-    for bad in [ssim, seconds, psnr, clean, class] {
+    let mut chips = body();
+    chips.promise.owner_chips = Some(OwnerChips { strength: f64::INFINITY });
+    for bad in [ssim, seconds, psnr, clean, class, chips] {
         assert_eq!(Receipt::seal(bad, &signer()).expect_err("no number").exit_code(), 70);
     }
 }

@@ -8,5 +8,8 @@ pub mod command;
 pub mod cross_examination;
 pub mod dump;
 pub mod forgery;
+pub mod locating;
+pub mod report;
 pub mod study;
+pub mod table;
 pub mod tracing;

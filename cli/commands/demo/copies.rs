@@ -4,7 +4,8 @@ use std::path::Path;
 
 use guard4d_engine::base::output::{AtomicFile, Existing};
 use guard4d_engine::base::prf::MasterSecret;
-use guard4d_engine::detect::trace::{DEFAULT_FPR, KnownFilm, Report, TraceRequest, gather, judge};
+use guard4d_engine::detect::gathered::{KnownFilm, gather};
+use guard4d_engine::detect::trace::{DEFAULT_FPR, Report, TraceRequest, judge};
 use guard4d_engine::device::Device;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::fidelity::{DEFAULT_PSNR_DB, strength_for};
@@ -69,7 +70,7 @@ fn ledger(device: &Device, model: &Model, path: &Path) -> Result<Ledger, EngineE
         psnr_db: DEFAULT_PSNR_DB,
         receipt: None,
     };
-    terms.strength = strength_for(device, model, &terms.prf(), DEFAULT_PSNR_DB)?;
+    terms.strength = strength_for(device, Issue::new(model, terms.prf(), terms.strength), DEFAULT_PSNR_DB)?;
     Ledger::create(path, &terms)
 }
 

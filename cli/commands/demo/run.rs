@@ -186,7 +186,7 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<Outcome, EngineErr
         human,
     )?;
     say_where(args, common);
-    Ok(Outcome::Judged(verification.evidence.verdict))
+    Ok(Outcome::Judged(verification.verdict))
 }
 
 /// Says where everything is.

@@ -123,6 +123,45 @@ pub(super) fn margins(margins: &[f64]) -> String {
     })
 }
 
+/// What copies score that were never made, and those that are named.
+pub(super) struct Scores<'a> {
+    /// How many decoys there are in each step of half a deviation, half of the steps below 0.
+    pub(super) decoys: &'a [u64],
+    /// In deviations.
+    pub(super) named: &'a [f64],
+    /// What names a copy, in deviations.
+    pub(super) required: Option<f64>,
+}
+
+impl Scores<'_> {
+    /// A histogram with a line for the threshold, and a dot for each named copy.
+    pub(super) fn svg(&self) -> String {
+        let half = self.decoys.len() as f64 / 4.0;
+        let most = self.named.iter().copied().chain(self.required).fold(half, f64::max) * 1.05;
+        let (left, right, floor) = (8.0, f64::from(WIDTH_PX) - 8.0, 100.0);
+        let at = |score: f64| px(left + (score + half) / (most + half) * (right - left));
+        let tallest = self.decoys.iter().copied().max().unwrap_or(0).max(1) as f64;
+        svg(140, |picture| {
+            for (count, step) in self.decoys.iter().zip(0u32..) {
+                let from = f64::from(step) / 2.0 - half;
+                let top = px(floor - 80.0 * *count as f64 / tallest);
+                picture.draw(&Rectangle::new([(at(from), top), (at(from + 0.5), px(floor))], CHANCE.filled()))?;
+            }
+            picture.draw(&PathElement::new([(px(left), px(floor)), (px(right), px(floor))], BLACK))?;
+            if let Some(required) = self.required {
+                let line = PathElement::new([(at(required), 22), (at(required), px(floor))], BLACK.stroke_width(2));
+                picture.draw(&line)?;
+                picture.draw(&Text::new("names a copy", (at(required), 12), style(HPos::Center)))?;
+            }
+            for score in self.named {
+                picture.draw(&Circle::new((at(*score), 92), 6, BAD.filled()))?;
+            }
+            picture.draw(&Text::new("0", (at(0.0), 116), style(HPos::Center)))?;
+            picture.draw(&Text::new(format!("{most:.0}"), (px(right), 116), style(HPos::Right)))
+        })
+    }
+}
+
 /// Something that took its time.
 pub(super) struct Bar {
     /// Which line it stands in, from 0.
@@ -176,6 +215,10 @@ mod tests {
         for (to, lines) in [(0.0, 1), (1e7, 40)] {
             let picture = timeline(&[Bar { line: lines - 1, from: 0.0, to, good: true }], lines);
             assert!(picture.contains("<rect") && !picture.contains("NaN"), "{to}: {picture}");
+        }
+        for (named, required) in [(vec![], None), (vec![1e6], Some(7.5)), (vec![8.0, f64::NAN], Some(0.0))] {
+            let picture = Scores { decoys: &[0, 5, 9, 0], named: &named, required }.svg();
+            assert!(picture.matches("<circle").count() == named.len() && !picture.contains("NaN"), "{picture}");
         }
         for signed in [vec![0.0; 16], vec![1.0, -2.0], vec![3.0; 128]] {
             let picture = margins(&signed);

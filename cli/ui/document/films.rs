@@ -87,15 +87,36 @@ fn figure(at: usize, exhibit: &Exhibit, clean: &[Vec<Frame>]) -> Result<Markup, 
             }
         });
     }
-    let differs = picture(&difference(&exhibit.picture, original, TIMES)?)?;
-    let slider = format!("compare-{at}");
     let identical = psnr.0.is_infinite();
+    let caption = html! {
+        bdi { (name) } "; " (of_original) ": "
+        @if identical { "identical." } @else { (format!("{:.1}", psnr.0)) " dB apart." }
+    };
+    compared(&Compared { at, film: &exhibit.picture, original, name: &name, of_original: &of_original }, &caption)
+}
+
+/// A frame and the same view of the original.
+pub(super) struct Compared<'a> {
+    /// Number of the figure in the page.
+    pub(super) at: usize,
+    pub(super) film: &'a Frame,
+    pub(super) original: &'a Frame,
+    /// Of the frame.
+    pub(super) name: &'a str,
+    pub(super) of_original: &'a str,
+}
+
+/// Both over each other, with a slider, and their difference.
+pub(super) fn compared(shown: &Compared<'_>, caption: &Markup) -> Result<Markup, EngineError> {
+    let Compared { at, film, original, name, of_original } = shown;
+    let differs = picture(&difference(film, original, TIMES)?)?;
+    let slider = format!("compare-{at}");
     Ok(html! {
         figure data-compare {
             div.looks {
                 div {
                     div.pair {
-                        div { img src=(film) alt=(name); span { "film" } }
+                        div { img src=(picture(film)?) alt=(name); span { "film" } }
                         div.original { img src=(picture(original)?) alt=(of_original); span { "original" } }
                     }
                     div.slide {
@@ -108,10 +129,7 @@ fn figure(at: usize, exhibit: &Exhibit, clean: &[Vec<Frame>]) -> Result<Markup, 
                     span { "the difference, " (TIMES) " times as large" }
                 }
             }
-            figcaption {
-                bdi { (name) } "; " (of_original) ": "
-                @if identical { "identical." } @else { (format!("{:.1}", psnr.0)) " dB apart." }
-            }
+            figcaption { (caption) }
         }
     })
 }

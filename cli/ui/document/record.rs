@@ -1,7 +1,10 @@
 //! What the verdict does not show, what it rests on, and how somebody else repeats it.
 
+use std::ffi::OsString;
+
 use guard4d_engine::detect::free_part::{Checked, FreePart};
 use guard4d_engine::detect::report::VerifyReport;
+use guard4d_engine::device::Device;
 use guard4d_engine::evidence::judgement::Verdict;
 use guard4d_engine::release::delivery::EXTRACTOR;
 use guard4d_engine::release::receipt::Tool;
@@ -19,6 +22,13 @@ pub(crate) struct Repeat {
     pub(crate) device: String,
 }
 
+impl Repeat {
+    /// What runs now.
+    pub(crate) fn now(device: &Device) -> Self {
+        Self { command: repeated(std::env::args_os()), device: device.info().name.clone() }
+    }
+}
+
 pub(super) fn section(report: &VerifyReport, repeat: &Repeat) -> Markup {
     html! {
         h2 { "What this does not show" }
@@ -32,7 +42,7 @@ pub(super) fn section(report: &VerifyReport, repeat: &Repeat) -> Markup {
 
 fn limits(report: &VerifyReport) -> Vec<String> {
     let mut limits = vec![format!("It does not show {}.", not_shown(&report.standing))];
-    if report.evidence.verdict != Verdict::Present {
+    if report.verdict != Verdict::Present {
         let removed = "It does not show that the film is free of the owner's work: compression, edits or an attack can \
                        remove a mark.";
         limits.push(removed.to_owned());
@@ -111,5 +121,31 @@ fn again(report: &VerifyReport, repeat: &Repeat) -> Markup {
             "It was run on " (plain(&repeat.device)) ". Other devices differ in the last digits of logits. What each "
             "part of this page means, and under which assumptions, is in docs/method/evidence.md of the program."
         }
+    }
+}
+
+/// The command line as a shell takes it, without what says where results go.
+fn repeated(arguments: impl Iterator<Item = OsString>) -> String {
+    let mut words = vec!["guard4d".to_owned()];
+    let mut skips = false;
+    for argument in arguments.skip(1) {
+        let word = argument.to_string_lossy();
+        let is_output = matches!(&*word, "--overwrite" | "-w" | "--json") || word.starts_with("--report=");
+        if !skips && !is_output && word != "--report" {
+            words.push(shlex::try_quote(&word).map_or_else(|_| word.to_string(), |quoted| quoted.to_string()));
+        }
+        skips = !skips && word == "--report";
+    }
+    words.join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_is_repeated_without_its_outputs() {
+        let typed = ["/bin/guard4d", "verify", "a b.mp4", "--report", "-w", "-w", "--key", "k", "--report=x", "--json"];
+        assert_eq!(repeated(typed.into_iter().map(OsString::from)), "guard4d verify 'a b.mp4' --key k");
     }
 }

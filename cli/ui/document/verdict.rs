@@ -1,5 +1,6 @@
 //! The verdict in one sentence, how rare it is, and what was asked.
 
+use guard4d_engine::detect::owner_chips::ChipsReading;
 use guard4d_engine::detect::report::{IdEvidence, VerifyReport};
 use guard4d_engine::evidence::extractor_mode::ExtractorMode;
 use guard4d_engine::evidence::id_code::SearchedP;
@@ -9,7 +10,7 @@ use maud::{Markup, PreEscaped, html};
 
 use super::chart::Rarity;
 use super::text::{once_in, plain};
-use crate::ui::verification::{choices_row, framed_row, id_rows, p_in_words, undone_in_words};
+use crate::ui::verification::{chips_in_words, choices_row, framed_row, id_rows, p_in_words, undone_in_words};
 
 /// The verdict as a word.
 pub(super) const fn word(verdict: Verdict) -> &'static str {
@@ -22,7 +23,7 @@ pub(super) const fn word(verdict: Verdict) -> &'static str {
 
 pub(super) fn section(report: &VerifyReport) -> Markup {
     let evidence = &report.evidence;
-    let class = match evidence.verdict {
+    let class = match report.verdict {
         Verdict::Present => "verdict present",
         Verdict::Absent => "verdict absent",
         Verdict::Inconclusive => "verdict inconclusive",
@@ -30,11 +31,15 @@ pub(super) fn section(report: &VerifyReport) -> Markup {
     html! {
         h1 { "Does this film carry the owner's mark?" }
         div class=(class) {
-            b { (word(evidence.verdict)) }
+            b { (word(report.verdict)) }
             p { (sentence(report)) }
         }
         h2 { "How rare that is" }
         (rarity(report))
+        @if let Some(chips) = &report.owner_chips {
+            h2 { "The owner's chips" }
+            p { "Compared with the original from the film's cameras: " (chips_in_words(chips)) "." }
+        }
         h2 { "Why" }
         ul { @for reason in &evidence.reasons { li { (plain(&reason.to_string())) } } }
         h2 { "What was asked" }
@@ -46,6 +51,11 @@ pub(super) fn section(report: &VerifyReport) -> Markup {
 fn sentence(report: &VerifyReport) -> String {
     let evidence = &report.evidence;
     let agree = format!("{} of {} bits agree with the message of the receipt", evidence.matches, evidence.num_bits);
+    if let Some(ChipsReading { proves: true, frames, .. }) = &report.owner_chips {
+        return format!(
+            "The film shows the owner's asset: the chips in its {frames} frames are those of the owner's key. {agree}."
+        );
+    }
     match (evidence.verdict, chance(report)) {
         (Verdict::Present, Some(Chance { p, most })) => {
             format!(

@@ -9,7 +9,7 @@ use super::page::{Page, page};
 use super::record::Repeat;
 use super::{films, readings, record, verdict};
 
-const SCRIPT: &str = include_str!("compare.js");
+pub(super) const SCRIPT: &str = include_str!("compare.js");
 
 /// What the page tells of.
 pub(crate) struct Document<'a> {
@@ -34,7 +34,7 @@ impl Document<'_> {
             (readings::section(report))
             (record::section(report, repeat))
         };
-        let title = format!("guard4d: {}", verdict::word(report.evidence.verdict));
+        let title = format!("guard4d: {}", verdict::word(report.verdict));
         Ok(page(Page { title: &title, content, script: SCRIPT }))
     }
 }

@@ -25,6 +25,22 @@ impl Digest {
         Self(*blake3::hash(bytes).as_bytes())
     }
 
+    /// Hash of a file; or of the hashes of all files of a folder in hexadecimal, by their names' order.
+    ///
+    /// # Errors
+    /// [`EngineError::MissingInput`] or [`EngineError::Io`] naming the file.
+    pub fn of_path(path: &Path) -> Result<Self, EngineError> {
+        if !path.is_dir() {
+            return Self::of_file(path);
+        }
+        let io = |source| EngineError::Io { path: path.to_path_buf(), source };
+        let entries = std::fs::read_dir(path).map_err(io)?.collect::<Result<Vec<_>, _>>().map_err(io)?;
+        let mut files: Vec<_> = entries.into_iter().map(|entry| entry.path()).filter(|path| path.is_file()).collect();
+        files.sort();
+        let hashes = files.iter().map(|file| Self::of_file(file)).collect::<Result<Vec<_>, _>>()?;
+        Ok(Self::of(hashes.iter().map(Self::to_string).collect::<String>().as_bytes()))
+    }
+
     /// Hashes a file's bytes without loading the file.
     ///
     /// # Errors

@@ -125,6 +125,8 @@ pub enum Purpose {
     SharedChips,
     /// Secrets of single copies, which their chips follow from.
     CopyChips,
+    /// Chips by which an owner proves an asset from any camera.
+    OwnerChips,
     /// What is published of an issue and its copies before they leave.
     Commitments,
     /// Scenes that a pretrained extractor is made from.
@@ -163,6 +165,7 @@ impl Purpose {
             Self::CodeBiases => "code-biases",
             Self::SharedChips => "shared-chips",
             Self::CopyChips => "copy-chips",
+            Self::OwnerChips => "owner-chips",
             Self::Commitments => "commitments",
             Self::Scenes => "scenes",
             Self::ReaderSecret => "reader-secret",

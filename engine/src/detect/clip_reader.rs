@@ -56,6 +56,11 @@ impl<'a> ClipReader<'a> {
         Self { device, reader, num_bits, options, observer }
     }
 
+    /// Who watches.
+    pub(super) fn observer(&mut self) -> &mut dyn Observer {
+        &mut *self.observer
+    }
+
     /// Bits of a message, `L`.
     pub(super) fn num_bits(&self) -> u32 {
         self.num_bits

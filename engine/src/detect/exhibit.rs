@@ -1,8 +1,13 @@
 //! Frames that were read, to be shown beside a verdict, and what the original looks like there.
 
+use guard4d_kernels::Device;
+
+use super::gathered::KnownFilm;
 use crate::error::EngineError;
 use crate::media::Frame;
 use crate::picture::metrics::{Decibels, Picture, SquaredError};
+use crate::render::SceneRenderer;
+use crate::scene::Model;
 
 /// Frames of a clip that are shown.
 const OF_CLIP: usize = 3;
@@ -34,6 +39,57 @@ pub struct Nearest {
     pub picture: Frame,
     /// How near it is.
     pub psnr: Decibels,
+}
+
+/// A frame of a film whose cameras are known, and what the original looks like from there.
+#[derive(Clone, Debug)]
+pub struct Beside {
+    /// Of the film.
+    pub film: Exhibit,
+    /// The original, as large.
+    pub original: Frame,
+}
+
+impl Beside {
+    /// Some frames of films.
+    ///
+    /// # Errors
+    /// Those of reading films and of the device.
+    pub fn of(device: &Device, model: &Model, films: &[KnownFilm<'_>]) -> Result<Vec<Self>, EngineError> {
+        let mut renderer = SceneRenderer::new(device, &model.gaussians, &model.motion, model.background)?;
+        let mut all = Vec::new();
+        for film in films {
+            let wanted = spread((0u64..).zip(&film.shots).collect(), OF_CLIP);
+            let (mut number, mut pictures) = (0, Vec::new());
+            film.source.for_each(&mut |frame: Frame| {
+                pictures.extend(wanted.iter().any(|(at, _)| *at == number).then_some(frame));
+                number += 1;
+                Ok(())
+            })?;
+            let mut originals = Vec::new();
+            renderer.render_clips(&[wanted.iter().map(|(_, shot)| **shot).collect()], |_, camera, pixels| {
+                originals.push(Frame::from_rgba32f(camera.width, camera.height, pixels)?);
+                Ok(())
+            })?;
+            let clip = film.path.display().to_string();
+            let beside = |((frame, picture), original)| {
+                let film = Exhibit { clip: clip.clone(), frame, picture };
+                Self { film, original }
+            };
+            let numbers = wanted.iter().map(|(at, _)| *at);
+            all.push(numbers.zip(pictures).zip(originals).map(beside).collect());
+        }
+        Ok(choose(all))
+    }
+
+    /// How near both are.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for pictures of different sizes.
+    pub fn psnr(&self) -> Result<Decibels, EngineError> {
+        let pictures = [&self.film.picture, &self.original].map(Picture::from_frame);
+        Ok(SquaredError::between(&pictures[0], &pictures[1])?.psnr())
+    }
 }
 
 impl Exhibit {
@@ -117,7 +173,7 @@ impl Album {
 }
 
 /// The few to show of those of several clips: of as many clips as possible, the first ones.
-pub(super) fn choose(mut clips: Vec<Vec<Exhibit>>) -> Vec<Exhibit> {
+pub(super) fn choose<T>(mut clips: Vec<Vec<T>>) -> Vec<T> {
     clips.truncate(OF_ALL);
     let count = clips.len().max(1);
     let of_each = |at: usize| OF_ALL / count + usize::from(at < OF_ALL % count);
@@ -125,7 +181,7 @@ pub(super) fn choose(mut clips: Vec<Vec<Exhibit>>) -> Vec<Exhibit> {
 }
 
 /// At most `count` of them, the middles of as many equal parts.
-fn spread(all: Vec<Exhibit>, count: usize) -> Vec<Exhibit> {
+fn spread<T>(all: Vec<T>, count: usize) -> Vec<T> {
     let (len, count) = (all.len(), count.min(all.len()));
     let chosen: Vec<usize> = (0..count).map(|i| (2 * i + 1) * len / (2 * count)).collect();
     all.into_iter().enumerate().filter(|(at, _)| chosen.contains(at)).map(|(_, exhibit)| exhibit).collect()

@@ -6,13 +6,14 @@ use serde::Serialize;
 
 use super::exhibit::Exhibit;
 use super::free_part::FreePart;
+use super::owner_chips::ChipsReading;
 use super::request::{VerifyInputs, VerifyRequest};
 use super::suspect::{Suspect, SuspectClip};
 use crate::base::digest::Digest;
 use crate::base::prf::Prf;
 use crate::error::EngineError;
 use crate::evidence::id_code::{IdBits, IdCode, IdReading, SearchedP};
-use crate::evidence::judgement::Evidence;
+use crate::evidence::judgement::{Evidence, Verdict};
 use crate::evidence::message::Message;
 use crate::evidence::reading::Reading;
 use crate::media::ReadOptions;
@@ -26,8 +27,13 @@ use crate::watermark::extractor::rotation::KeyRotation;
 /// The evidence, with what went into it.
 #[derive(Debug, Serialize)]
 pub struct VerifyReport {
-    /// Verdict, p-value, negative controls.
+    /// The answer, of all that was read.
+    pub verdict: Verdict,
+    /// What was read of the message: its own verdict, p-value, negative controls.
     pub evidence: Evidence,
+    /// What the owner's chips say, where they were read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub owner_chips: Option<ChipsReading>,
     /// What the evidence rests on: the receipt's commitment. That it is older than the clip, this report cannot say.
     pub commitment: Digest,
     /// Version of the receipt.

@@ -7,7 +7,7 @@ use guard4d_kernels::Device;
 
 use super::controls::OtherKey;
 use super::sought::Sought;
-use super::suspect::Suspect;
+use super::suspect::{FilmedSuspect, Suspect};
 use super::verify_cache::VerifyCache;
 use crate::base::digest::Digest;
 use crate::media::Frame;
@@ -58,6 +58,8 @@ impl VerifyRequest<'_> {
 pub struct VerifyInputs {
     /// What is under suspicion.
     pub suspects: Vec<Suspect>,
+    /// Films among them whose cameras are known frame by frame: the owner's chips are read in these.
+    pub filmed: Vec<FilmedSuspect>,
     /// What may have been done to all of it alike, and is undone where that brings it nearer to the claim.
     pub guesses: GuessSearch,
     /// Videos that surely carry no mark; one that is given twice is read once.

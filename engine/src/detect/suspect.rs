@@ -1,6 +1,6 @@
 //! What is under suspicion, and what is read of it.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use super::clip_reader::{ClipReader, SeenClip};
 use super::exhibit::{Exhibit, choose};
@@ -44,6 +44,15 @@ pub enum Suspect {
         /// Each of their clips counts as one, see [`CameraSet::clips`].
         cameras: CameraSet,
     },
+}
+
+/// A suspect film, and the camera and time of each of its frames.
+#[derive(Clone, Debug)]
+pub struct FilmedSuspect {
+    /// The video or folder.
+    pub path: PathBuf,
+    /// Its cameras.
+    pub cameras: CameraSet,
 }
 
 /// What was read of all suspect clips.
@@ -93,10 +102,14 @@ impl Suspects {
         for suspect in suspects {
             match suspect {
                 Suspect::Video(path) => {
-                    all.add(reader.suspect_video(path, None, guesses)?, num_bits, Some(content(path)?))?;
+                    all.add(reader.suspect_video(path, None, guesses)?, num_bits, Some(Digest::of_path(path)?))?;
                 }
                 Suspect::Filmed { path, cameras } => {
-                    all.add(reader.suspect_video(path, Some(cameras), guesses)?, num_bits, Some(content(path)?))?;
+                    all.add(
+                        reader.suspect_video(path, Some(cameras), guesses)?,
+                        num_bits,
+                        Some(Digest::of_path(path)?),
+                    )?;
                 }
                 Suspect::Frames { name, frames } => all.add(reader.frames(name, frames, guesses)?, num_bits, None)?,
                 Suspect::Model { name, model, cameras } => {
@@ -204,20 +217,4 @@ impl SuspectClip {
     pub(super) fn cut(&self) -> Option<Rect> {
         self.cut
     }
-}
-
-/// Hash of a file; or of the hashes of all files of a folder in hexadecimal, by their names' order.
-///
-/// # Errors
-/// [`EngineError::MissingInput`] or [`EngineError::Io`] naming the file.
-fn content(path: &Path) -> Result<Digest, EngineError> {
-    if !path.is_dir() {
-        return Digest::of_file(path);
-    }
-    let io = |source| EngineError::Io { path: path.to_path_buf(), source };
-    let entries = std::fs::read_dir(path).map_err(io)?.collect::<Result<Vec<_>, _>>().map_err(io)?;
-    let mut files: Vec<PathBuf> = entries.into_iter().map(|entry| entry.path()).filter(|path| path.is_file()).collect();
-    files.sort();
-    let hashes = files.iter().map(|file| Digest::of_file(file)).collect::<Result<Vec<_>, _>>()?;
-    Ok(Digest::of(hashes.iter().map(Digest::to_string).collect::<String>().as_bytes()))
 }

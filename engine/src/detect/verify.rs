@@ -5,6 +5,7 @@ use super::clip_reader::ClipReader;
 use super::controls::Unmarked;
 use super::free_part::FreePart;
 use super::opened::Opened;
+use super::owner_chips::{ChipsReader, ChipsReading, READINGS};
 use super::report::{BitReading, Choices, ClipReading, Undone, VerifyReport};
 use super::request::{VerifyInputs, VerifyRequest};
 use super::suspect::Suspects;
@@ -12,7 +13,7 @@ use crate::base::observer::{Observer, Unobserved};
 use crate::error::EngineError;
 use crate::evidence::claim::Claim;
 use crate::evidence::control::Control;
-use crate::evidence::judgement::{Evidence, judge};
+use crate::evidence::judgement::{Evidence, Verdict, judge};
 use crate::evidence::other_keys::OtherKeys;
 use crate::media::ReadOptions;
 use crate::picture::undo_guess::GuessSearch;
@@ -58,7 +59,11 @@ impl VerifyRequest<'_> {
 
         let answer = nearest(&suspects, key.num_bits(), promised, &prf, opened.rule().statistic)?;
         let tried = u32::try_from(guesses.len()).unwrap_or(u32::MAX);
-        let chosen = [tried, self.claims.get(), standing.receipts()];
+        let claims = self.claims.get().saturating_mul(standing.receipts());
+        let chips = ChipsReader { request: self, opened: &opened, options, claims };
+        let owner_chips = chips.read(&inputs.filmed, reader.observer())?;
+        let readings = owner_chips.map_or(1, |_| READINGS);
+        let chosen = [tried, claims, readings];
         let chosen = chosen.into_iter().fold(extractor.key_rotation.of, u32::saturating_mul);
 
         let own = self.cache.own_clips(self.device)?;
@@ -72,8 +77,14 @@ impl VerifyRequest<'_> {
         let evidence = self.weigh(&opened, &suspects, &answer, chosen, &controls)?;
         let code = promised.id().map(|id| id.code());
         let alone = |clip| ClipReading::of(clip, answer.guess(), &answer.message(), code, &prf);
+        let verdict = match owner_chips {
+            Some(ChipsReading { proves: true, .. }) => Verdict::Present,
+            _ => evidence.verdict,
+        };
         Ok(VerifyReport {
+            verdict,
             evidence,
+            owner_chips,
             commitment: opened.commitment(),
             schema: opened.receipt().schema,
             free_part,

@@ -120,6 +120,23 @@ impl Code {
         Self { positions: (0..positions).map(|_| position()).collect() }
     }
 
+    /// The positions of the owner's own chips, all of them shared by whatever copies there are. They follow from the
+    /// original's hash, so that nobody can look for an original that fits a film.
+    ///
+    /// # Determinism
+    /// As [`draw`](Self::draw): fair coins, bit by bit of `ChaCha8`.
+    #[must_use]
+    pub fn of_owner(prf: &Prf, original: Digest, positions: usize) -> Self {
+        let seed = *prf.mac(Purpose::OwnerChips, original.as_bytes()).as_bytes();
+        let mut rng = ChaCha8Rng::from_seed(seed);
+        let mut word = 0;
+        let position = |i: usize| {
+            word = if i.is_multiple_of(32) { rng.next_u32() } else { word >> 1 };
+            Position::Shared(word & 1 == 1)
+        };
+        Self { positions: (0..positions).map(position).collect() }
+    }
+
     /// What decides each position's chip.
     #[must_use]
     pub fn positions(&self) -> &[Position] {

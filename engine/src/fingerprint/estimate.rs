@@ -27,26 +27,53 @@ pub struct Estimate {
     pub noise: f64,
 }
 
+/// What was estimated without a look at any code: the same for all issues of an asset at one strength.
+#[derive(Clone, Debug)]
+pub struct Uncoded {
+    chips: Vec<f64>,
+    strength: Vec<f64>,
+    noise: f64,
+    together: f64,
+}
+
 /// Estimates the chips of an issue from a leak.
 ///
 /// # Errors
 /// [`EngineError::Usage`] unless there is evidence of each splat; when memory runs out or the device fails.
 pub fn estimate(issue: &Issue<'_>, seen: &mut dyn Seen) -> Result<Estimate, EngineError> {
-    let SplatEvidence { residual, response, samples, squares } = seen.evidence().clone();
-    let right = issue.collect(&residual)?;
-    let strength = issue.collect_squared(&response)?;
-    let (samples, together) = ((samples as f64).max(1.0), seen.together());
-    let mut noise = (squares / samples).max(LEAST_NOISE);
-    let mut chips = vec![0.0; right.len()];
-    for steps in STEPS {
-        let mut normal = |chips: &[f64]| issue.collect(&seen.normal(&issue.spread(chips))?);
-        let seen_of_chips = descend(&mut chips, &right, &strength, together * noise, steps, &mut normal)?;
-        // |r - A M z|², with what is already known.
-        let left = squares - 2.0 * dot(&chips, &right) + dot(&chips, &seen_of_chips);
-        noise = (left / samples).max(LEAST_NOISE);
+    Ok(Uncoded::of(issue, seen)?.for_issue(issue))
+}
+
+impl Uncoded {
+    /// Estimates chips from a leak; of the issue, only where they are and how far they move colours.
+    ///
+    /// # Errors
+    /// As [`estimate`].
+    pub fn of(issue: &Issue<'_>, seen: &mut dyn Seen) -> Result<Self, EngineError> {
+        let SplatEvidence { residual, response, samples, squares } = seen.evidence().clone();
+        let right = issue.collect(&residual)?;
+        let strength = issue.collect_squared(&response)?;
+        let (samples, together) = ((samples as f64).max(1.0), seen.together());
+        let mut noise = (squares / samples).max(LEAST_NOISE);
+        let mut chips = vec![0.0; right.len()];
+        for steps in STEPS {
+            let mut normal = |chips: &[f64]| issue.collect(&seen.normal(&issue.spread(chips))?);
+            let seen_of_chips = descend(&mut chips, &right, &strength, together * noise, steps, &mut normal)?;
+            // |r - A M z|², with what is already known.
+            let left = squares - 2.0 * dot(&chips, &right) + dot(&chips, &seen_of_chips);
+            noise = (left / samples).max(LEAST_NOISE);
+        }
+        Ok(Self { chips, strength, noise, together })
     }
-    issue.take_off_mean(&mut chips, &strength, together * noise);
-    Ok(Estimate { chips, noise })
+
+    /// What of it tells the copies of an issue apart.
+    #[must_use]
+    pub fn for_issue(&self, issue: &Issue<'_>) -> Estimate {
+        let Self { strength, noise, together, .. } = self;
+        let mut chips = self.chips.clone();
+        issue.take_off_mean(&mut chips, strength, together * noise);
+        Estimate { chips, noise: *noise }
+    }
 }
 
 /// What would be estimated of chips that are `values`, if nothing had been done to them and there were as much noise.

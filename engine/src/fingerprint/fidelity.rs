@@ -3,7 +3,6 @@
 use guard4d_kernels::Device;
 
 use super::issue::Issue;
-use crate::base::prf::Prf;
 use crate::error::EngineError;
 use crate::media::Frame;
 use crate::picture::metrics::{Picture, PsnrSummary, SquaredError};
@@ -25,12 +24,31 @@ const STRONGEST: f64 = 4.0;
 /// The copy that is measured and given to nobody.
 pub(super) const TRIAL_COPY: u64 = u64::MAX;
 
-/// The strength with which a copy of `model` differs from it by `psnr_db` on views from all around.
+/// The strength with which copies of an issue differ from its model by `psnr_db` on views from all around.
 ///
 /// # Errors
 /// [`EngineError::Usage`] for a PSNR that is no positive number, and for a model of which no change is seen; when
 /// memory runs out or the device fails.
-pub fn strength_for(device: &Device, model: &Model, prf: &Prf, psnr_db: f64) -> Result<f64, EngineError> {
+pub fn strength_for(device: &Device, issue: Issue<'_>, psnr_db: f64) -> Result<f64, EngineError> {
+    let original = issue.model().gaussians.sh_coeffs.clone();
+    strength_onto(device, issue, &original, psnr_db)?.ok_or_else(|| EngineError::Usage {
+        what: "model to stamp".to_owned(),
+        got: "no change of any base colour is seen from anywhere around it".to_owned(),
+        expected: "one whose splats are seen, with colours that can be moved".to_owned(),
+    })
+}
+
+/// The strength with which stamps add errors of `psnr_db` to what coefficients show that differ from the model's
+/// already; none where no change is seen.
+///
+/// # Errors
+/// [`EngineError::Usage`] for a PSNR that is no positive number; when memory runs out or the device fails.
+pub fn strength_onto(
+    device: &Device,
+    issue: Issue<'_>,
+    sh_coeffs: &[f32],
+    psnr_db: f64,
+) -> Result<Option<f64>, EngineError> {
     if !(psnr_db.is_finite() && psnr_db > 0.0) {
         return Err(EngineError::Usage {
             what: "PSNR of copies".to_owned(),
@@ -38,27 +56,30 @@ pub fn strength_for(device: &Device, model: &Model, prf: &Prf, psnr_db: f64) -> 
             expected: "a positive number of dB".to_owned(),
         });
     }
+    let model = issue.model();
     let shots = views(model)?;
     let clean = pictures(device, model, &model.gaussians.sh_coeffs, &shots)?;
-    let mut strength = 1.0;
-    let mut issue = Issue::new(model, prf.clone(), strength);
+    let error_of = |sh_coeffs: &[f32]| mean_error(&clean, &pictures(device, model, sh_coeffs, &shots)?);
+    let before = error_of(sh_coeffs)?;
+    let asked = 10f64.powf(-0.1 * psnr_db);
+    let (mut issue, mut strength) = (issue, 1.0);
     for _ in 0..ROUNDS {
         issue = issue.with_strength(strength);
-        let marked = pictures(device, model, &issue.stamp(TRIAL_COPY), &shots)?;
-        let error = |(a, b): (&Frame, &Frame)| SquaredError::between(&Picture::from_frame(a), &Picture::from_frame(b));
-        let errors = clean.iter().zip(&marked).map(error).collect::<Result<Vec<_>, _>>()?;
-        let measured = PsnrSummary::of(&errors).map_or(f64::INFINITY, |psnr| psnr.pooled_db.0);
-        if measured.is_infinite() {
-            return Err(EngineError::Usage {
-                what: "model to stamp".to_owned(),
-                got: "no change of any base colour is seen from anywhere around it".to_owned(),
-                expected: "one whose splats are seen, with colours that can be moved".to_owned(),
-            });
+        let added = error_of(&issue.stamp_onto(sh_coeffs.to_vec(), TRIAL_COPY))? - before;
+        if added <= 0.0 {
+            return Ok(None);
         }
         // Errors grow with the square of what is added.
-        strength = (strength * 10f64.powf((measured - psnr_db) / 20.0)).min(STRONGEST);
+        strength = (strength * (asked / added).sqrt()).min(STRONGEST);
     }
-    Ok(strength)
+    Ok(Some(strength))
+}
+
+/// Mean square of the differences of pictures.
+fn mean_error(clean: &[Frame], marked: &[Frame]) -> Result<f64, EngineError> {
+    let error = |(a, b): (&Frame, &Frame)| SquaredError::between(&Picture::from_frame(a), &Picture::from_frame(b));
+    let errors = clean.iter().zip(marked).map(error).collect::<Result<Vec<_>, _>>()?;
+    Ok(PsnrSummary::of(&errors).map_or(0.0, |psnr| 10f64.powf(-0.1 * psnr.pooled_db.0)))
 }
 
 /// Views from all around, spread over the motion.

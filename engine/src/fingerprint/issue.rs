@@ -28,6 +28,12 @@ pub struct Issue<'a> {
     strength: f64,
 }
 
+/// Chips, and what decides each.
+struct Coded {
+    chips: ChipMap,
+    code: Code,
+}
+
 impl<'a> Issue<'a> {
     /// The issue of `model`, whose secrets all follow from `prf`. `strength` multiplies the amplitudes of all octaves;
     /// [`strength_for`](super::fidelity::strength_for) finds one.
@@ -35,6 +41,20 @@ impl<'a> Issue<'a> {
     pub fn new(model: &'a Model, prf: Prf, strength: f64) -> Self {
         let chips = ChipMap::new(&model.gaussians);
         let code = Code::draw(&prf, chips.num_chips());
+        Self::with_code(model, prf, strength, Coded { chips, code })
+    }
+
+    /// What an owner writes into all that leaves the house, alike in every copy: "one of this issue" is all that it
+    /// says.
+    #[must_use]
+    pub fn of_owner(model: &'a Model, prf: Prf, strength: f64) -> Self {
+        let chips = ChipMap::new(&model.gaussians);
+        let code = Code::of_owner(&prf, model.digest(), chips.num_chips());
+        Self::with_code(model, prf, strength, Coded { chips, code })
+    }
+
+    fn with_code(model: &'a Model, prf: Prf, strength: f64, coded: Coded) -> Self {
+        let Coded { chips, code } = coded;
         let room = model.gaussians.sh_coeffs.chunks_exact(SH_FLOATS).map(|row| room(&row[..CHANNELS])).collect();
         Self { model, prf, original: model.digest(), chips, code, room, strength }
     }
@@ -82,8 +102,13 @@ impl<'a> Issue<'a> {
     /// [`Code::offsets`].
     #[must_use]
     pub fn stamp(&self, copy: u64) -> Vec<f32> {
+        self.stamp_onto(self.model.gaussians.sh_coeffs.clone(), copy)
+    }
+
+    /// The same, of coefficients that differ from the model's already.
+    #[must_use]
+    pub fn stamp_onto(&self, mut sh_coeffs: Vec<f32>, copy: u64) -> Vec<f32> {
         let offsets: Vec<f64> = self.code.offsets(&self.copy_key(copy)).collect();
-        let mut sh_coeffs = self.model.gaussians.sh_coeffs.clone();
         for (row, colour) in sh_coeffs.chunks_exact_mut(SH_FLOATS).zip(self.spread(&offsets)) {
             row[..CHANNELS].iter_mut().for_each(|dc| *dc = narrow(f64::from(*dc) + colour / Y0));
         }

@@ -35,7 +35,7 @@ pub struct Scored {
 const DECOYS_FROM: u64 = 1 << 40;
 
 /// What scores by chance look like, of copies that were never made.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Decoys {
     /// How many were scored.
     pub count: u64,
@@ -45,6 +45,28 @@ pub struct Decoys {
     pub variance: f64,
     /// The largest.
     pub largest: f64,
+    /// How many scored so high, in steps of half a deviation from −6 to 6; the outermost have all beyond, too.
+    pub counts: [u64; DECOY_BINS],
+}
+
+/// Steps of half a deviation that decoys' scores are counted in, half of them below 0.
+pub const DECOY_BINS: usize = 24;
+
+impl Decoys {
+    /// Of scores in standard deviations.
+    #[must_use]
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "kept among the steps")]
+    pub fn of(scores: &[f64]) -> Self {
+        let n = scores.len().max(1) as f64;
+        let sum = |of: fn(f64) -> f64| scores.iter().map(|score| of(*score)).sum::<f64>() / n;
+        let largest = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let mut counts = [0; DECOY_BINS];
+        for score in scores {
+            let step = (2.0 * score).floor() + (DECOY_BINS / 2) as f64;
+            counts[step.clamp(0.0, (DECOY_BINS - 1) as f64) as usize] += 1;
+        }
+        Self { count: scores.len() as u64, mean: sum(|t| t), variance: sum(|t| t * t), largest, counts }
+    }
 }
 
 /// Scores copies of an issue against evidence.
@@ -126,11 +148,7 @@ impl<'a> Scorer<'a> {
     /// # Errors
     /// When memory runs out or the device fails.
     pub fn decoys(&self, count: u64) -> Result<Decoys, EngineError> {
-        let scores = self.decoy_scores(count)?;
-        let n = scores.len().max(1) as f64;
-        let sum = |of: fn(f64) -> f64| scores.iter().map(|score| of(*score)).sum::<f64>() / n;
-        let largest = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        Ok(Decoys { count: scores.len() as u64, mean: sum(|t| t), variance: sum(|t| t * t), largest })
+        Ok(Decoys::of(&self.decoy_scores(count)?))
     }
 
     /// The scores of `count` copies that were never made, in standard deviations.

@@ -12,7 +12,7 @@ use super::gate::Gate;
 use super::receipt::{
     Anchor, BitAccuracies, DeviceRecord, Figures, FileRecord, Promise, Receipt, ReceiptBody, Repeatability, Tool,
 };
-use super::undo;
+use super::{owner_chips, undo};
 use crate::base::digest::Digest;
 use crate::base::output::{Existing, create_private_dir};
 use crate::base::signature::SigningKey;
@@ -65,7 +65,8 @@ pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result
     let device = subject.device;
     let signer = signer_of(subject.key, subject.model.digest())?;
     // What is measured is what is handed out, also where its format keeps colours coarsely.
-    let stored = subject.model.as_stored(&embedded.sh_coeffs)?;
+    let with_chips = owner_chips::add(device, subject.model, subject.key, config, &embedded.sh_coeffs)?;
+    let stored = subject.model.as_stored(&with_chips.sh_coeffs)?;
     let held_out = HeldOut::render(device, subject.model, &stored, cameras)?;
     let mut evaluation = held_out.evaluate(device, subject.clip, subject.key, &embedded.extractor, subject.message)?;
     if let Some(id_bits) = delivery.payload {
@@ -91,7 +92,7 @@ pub fn write(out: &Path, delivery: &Delivery<'_>, cameras: &CameraSet) -> Result
     let info = device.info();
     let body = ReceiptBody {
         tool: Tool::current(),
-        promise: promise(delivery)?,
+        promise: Promise { owner_chips: with_chips.chips, ..promise(delivery)? },
         inputs: originals.collect(),
         outputs,
         settings: serde_json::json!({
@@ -156,6 +157,7 @@ fn promise(delivery: &Delivery<'_>) -> Result<Promise, EngineError> {
         clip: key.clip,
         preprocess: extractor.preprocess(),
         thresholds: Thresholds::for_bits(key.bits()),
+        owner_chips: None,
         anchor: Some(Anchor {
             asset: model.digest(),
             scene: model.content(),

@@ -8,6 +8,7 @@ pub mod evaluate;
 pub mod gate;
 pub mod issue_root;
 pub mod ledger;
+pub mod owner_chips;
 pub mod receipt;
 pub mod recipients;
 pub mod stamping;

@@ -106,9 +106,21 @@ pub struct Promise {
     pub preprocess: String,
     /// Decision rule.
     pub thresholds: Thresholds,
+    /// The owner's chips; none where none were written.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub owner_chips: Option<OwnerChips>,
     /// What ties the rest together; none in receipts from before.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub anchor: Option<Anchor>,
+}
+
+/// Chips by which the owner proves the asset from any camera: what they are follows from the key of the asset and the
+/// asset's hash, both of which the receipt fixes too.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OwnerChips {
+    /// What the amplitudes of all octaves are multiplied by.
+    pub strength: f64,
 }
 
 /// What ties key, extractor and asset of a receipt together.
@@ -394,10 +406,11 @@ fn check_finite(body: &ReceiptBody) -> Result<(), EngineError> {
         ("threshold absent_above", Some(rule.absent_above)),
         ("threshold control_level", Some(rule.control_level)),
     ];
+    let chips = body.promise.owner_chips.map(|chips| ("strength of the owner's chips", Some(chips.strength)));
     let in_class = classes.values().flat_map(|class| [class.bit_accuracy, class.proven]);
     let in_class = in_class.map(|share| ("films of a class", Some(share)));
     let seconds = body.seconds.iter().map(|(stage, &s)| (stage.as_str(), Some(s)));
-    for (what, value) in figures.into_iter().chain(in_class).chain(seconds) {
+    for (what, value) in figures.into_iter().chain(chips).chain(in_class).chain(seconds) {
         if let Some(got) = value.filter(|v| !v.is_finite()) {
             let what = format!("receipt figure `{what}`");
             return Err(EngineError::NotFinite { what, got });

@@ -1,8 +1,10 @@
 //! `guard4d lab`: the commands of the lab, their flags, and what they need of the program around them.
 
+mod chips;
 mod dump;
 mod host;
 mod isa;
+mod locating;
 mod pretrain;
 mod root;
 mod study;

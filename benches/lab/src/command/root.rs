@@ -3,9 +3,11 @@
 use clap::{Args, Subcommand};
 use guard4d_engine::error::EngineError;
 
+use super::chips::{self, ChipsArgs};
 use super::dump::{self, DumpArgs};
 use super::host::Host;
 use super::isa::{self, IsaArgs};
+use super::locating::{self, LocatingArgs};
 use super::pretrain::{self, PretrainArgs};
 use super::study::{self, StudyArgs};
 use super::tracing::{self, TracingArgs};
@@ -27,6 +29,10 @@ enum LabCommand {
     Study(StudyArgs),
     /// Measures how well copies are told apart: stamped, spoilt, filmed, encoded, traced
     Tracing(TracingArgs),
+    /// Measures how well films of unknown cameras are located
+    Locating(LocatingArgs),
+    /// Measures how well the owner's chips are read from each class of cameras, by the key and by 10,000 others
+    Chips(ChipsArgs),
     /// Makes a pretrained extractor from random scenes and offsets: nobody's key or message takes part
     ///
     /// For `embed --extractor pretrained` with another CLIP than the built-in one, for which an extractor is built in.
@@ -48,6 +54,8 @@ pub fn run(args: &LabArgs, host: &dyn Host) -> Result<(), EngineError> {
     match &args.command {
         LabCommand::Study(args) => study::run(args, host),
         LabCommand::Tracing(args) => tracing::run(args, host),
+        LabCommand::Locating(args) => locating::run(args, host),
+        LabCommand::Chips(args) => chips::run(args, host),
         LabCommand::Pretrain(args) => pretrain::run(args, host),
         LabCommand::Dump(args) => dump::run(args, host),
         LabCommand::Isa(args) => isa::run(args, host),

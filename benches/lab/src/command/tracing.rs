@@ -8,33 +8,40 @@ use guard4d_engine::base::prf::{MasterSecret, Prf};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::fidelity::{DEFAULT_PSNR_DB, strength_for};
 use guard4d_engine::fingerprint::issue::Issue;
-use guard4d_engine::media::Frame;
-use guard4d_engine::picture::metrics::{Picture, PsnrSummary, SquaredError};
-use guard4d_engine::render::SceneRenderer;
-use guard4d_engine::scene::{Camera, Gaussians, Model};
+use guard4d_engine::scene::Model;
 use guard4d_kernels::Device;
 
 use super::host::Host;
-use crate::tracing::film::{FILMS, Film, shots, spoil};
+use crate::tracing::film::{FILMS, Film, spoil};
+use crate::tracing::filmed::{Filmed, Size};
 use crate::tracing::leak::{Leak, RULES, without_removed};
 use crate::tracing::measure::{self, Reading};
+use crate::tracing::pages;
 
 /// Sizes of coalitions.
 const COALITIONS: [usize; 4] = [2, 3, 5, 8];
 /// Frames that coalitions are filmed for.
 const LONG: u32 = 96;
+/// Strengths of copies, as a PSNR, dB.
+const STRENGTHS_DB: [f64; 5] = [43.0, 46.0, 49.0, 52.0, 55.0];
+/// Lengths of films, frames.
+const LENGTHS: [u32; 6] = [1, 3, 6, 12, 48, 96];
 
 /// What is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Part {
     /// A copy in every film.
     Films,
-    /// The original and a stranger's copy in every film: nobody may be named.
+    /// The original and a stranger's copy in every film, by several keys: nobody may be named.
     Innocent,
     /// Copies that were mixed.
     Collusion,
     /// Copies that somebody worked on, filmed and as assets.
     Models,
+    /// A copy at several strengths.
+    Stamping,
+    /// A copy in films of several lengths.
+    Frames,
 }
 
 /// What is stamped, and where readings go.
@@ -64,13 +71,9 @@ pub(super) struct TracingArgs {
     /// Table of readings; it grows, and what it has is not measured again
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-}
-
-/// How many frames, and how large.
-#[derive(Clone, Copy)]
-struct Size {
-    frames: u32,
-    side_px: u32,
+    /// Folder for a page of tables and charts of all that the table has
+    #[arg(long, value_name = "FOLDER")]
+    page: Option<PathBuf>,
 }
 
 /// What is measured at once: what leaks as which films.
@@ -79,6 +82,7 @@ struct Round {
     leak: Leak,
     films: Vec<Film>,
     size: Size,
+    asked_db: f64,
     as_asset: bool,
 }
 
@@ -91,24 +95,39 @@ pub(super) fn run(args: &TracingArgs, host: &dyn Host) -> Result<(), EngineError
         let asset = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         for key in 1..=args.keys {
             let prf = Prf::new(&MasterSecret::from_bytes([key; 32]));
-            let strength = strength_for(&device, &model, &prf, args.target_psnr)?;
-            let issue = Issue::new(&model, prf, strength);
+            let mut issue = Issue::new(&model, prf.clone(), 1.0);
+            let mut asked_db = f64::NAN;
             for round in rounds(args) {
                 if host.is_stopped() {
                     return Err(EngineError::Stopped);
                 }
-                let known: Vec<String> = table
-                    .rows()
-                    .iter()
-                    .filter(|row| row.asset == asset && row.key == key && row.leak == round.name)
-                    .map(|row| row.film.clone())
-                    .collect();
+                let is_it = |row: &&Reading| {
+                    let of_round = row.leak == round.name && row.asked_db == round.asked_db;
+                    row.asset == asset && row.key == key && row.frames == round.size.frames && of_round
+                };
+                let known: Vec<String> = table.rows().iter().filter(is_it).map(|row| row.film.clone()).collect();
+                if round.films.iter().all(|film| known.iter().any(|name| name == film.name)) && !round.as_asset {
+                    continue;
+                }
+                if asked_db != round.asked_db {
+                    asked_db = round.asked_db;
+                    let strength = strength_for(&device, Issue::new(&model, prf.clone(), 1.0), asked_db)?;
+                    issue = issue.with_strength(strength);
+                }
                 measure_round(&device, &issue, &round, &known, &mut |reading| {
-                    let row = Reading { asset: asset.clone(), key, leak: round.name.clone(), ..reading };
+                    let frames = round.size.frames;
+                    let row =
+                        Reading { asset: asset.clone(), key, leak: round.name.clone(), frames, asked_db, ..reading };
                     host.note(&format!("{asset} {key} {} {}: T {:.1}", row.leak, row.film, row.t));
                     table.append(vec![row])
                 })?;
             }
+        }
+    }
+    if let Some(page) = &args.page {
+        let command = std::env::args().collect::<Vec<_>>().join(" ");
+        for page in pages::write(page, table.rows(), &command, &device)? {
+            host.note(&page.display().to_string());
         }
     }
     let worst = table.rows().iter().filter(|row| row.contributed > 0).map(|row| row.t).fold(f64::INFINITY, f64::min);
@@ -125,7 +144,11 @@ fn rounds(args: &TracingArgs) -> Vec<Round> {
         |film: &Film| args.films.is_empty() || args.films.iter().any(|name| film.name.contains(name.as_str()));
     let all: Vec<Film> = FILMS.into_iter().filter(is_wanted).collect();
     let usual: Vec<Film> = FILMS.into_iter().filter(|film| film.name == "h264 23").collect();
-    let whole = |name: &str, leak| Round { name: name.to_owned(), leak, films: all.clone(), size, as_asset: false };
+    let asked_db = args.target_psnr;
+    let whole = |name: &str, leak| {
+        let (name, films) = (name.to_owned(), all.clone());
+        Round { name, leak, films, size, asked_db, as_asset: false }
+    };
     let mut rounds = Vec::new();
     for part in &args.part {
         match part {
@@ -138,6 +161,7 @@ fn rounds(args: &TracingArgs) -> Vec<Round> {
                         leak: Leak::Mixed(rule, k),
                         films: usual.clone(),
                         size: Size { frames: LONG, ..size },
+                        asked_db,
                         as_asset: true,
                     }));
                 }
@@ -156,8 +180,17 @@ fn rounds(args: &TracingArgs) -> Vec<Round> {
                     leak,
                     films: usual.clone(),
                     size,
+                    asked_db,
                     as_asset: true,
                 }));
+            }
+            Part::Stamping => {
+                rounds.extend(STRENGTHS_DB.map(|asked_db| Round { asked_db, ..whole("copy", Leak::Copy) }));
+            }
+            Part::Frames => {
+                let of =
+                    |frames| Round { films: usual.clone(), size: Size { frames, ..size }, ..whole("copy", Leak::Copy) };
+                rounds.extend(LENGTHS.map(of));
             }
         }
     }
@@ -183,7 +216,10 @@ fn measure_round(
         }
         let of_class = filmed.iter().find(|filmed| filmed.film.class == film.class).expect("it was filmed");
         let spoilt = spoil(device, film, &of_class.frames, &of_class.shots, folder.path())?;
-        let reading = measure::film(device, issue, &spoilt, &copies)?;
+        let reading = match copies.is_empty() {
+            true => measure::innocent_film(device, issue, &spoilt)?,
+            false => measure::film(device, issue, &spoilt, &copies)?,
+        };
         each(Reading { film: film.name.to_owned(), psnr_db: of_class.psnr_db, ..reading })?;
     }
     if round.as_asset && is_new("asset") {
@@ -192,40 +228,4 @@ fn measure_round(
         each(Reading { film: "asset".to_owned(), ..reading })?;
     }
     Ok(())
-}
-
-/// Frames of a leak.
-struct Filmed {
-    film: Film,
-    frames: Vec<Frame>,
-    shots: Vec<(Camera, f32)>,
-    /// Against the original.
-    psnr_db: f64,
-}
-
-impl Filmed {
-    fn new(device: &Device, model: &Model, gaussians: &Gaussians, film: Film, size: Size) -> Result<Self, EngineError> {
-        let shots = shots(model, film.class, size.frames, size.side_px)?;
-        let leaked = draw(device, model, gaussians, &shots)?;
-        let clean = draw(device, model, &model.gaussians, &shots)?;
-        let error = |(a, b): (&Frame, &Frame)| SquaredError::between(&Picture::from_frame(a), &Picture::from_frame(b));
-        let errors = leaked.iter().zip(&clean).map(error).collect::<Result<Vec<_>, _>>()?;
-        let psnr_db = PsnrSummary::of(&errors).map_or(f64::NAN, |psnr| psnr.pooled_db.0);
-        Ok(Self { film, frames: leaked, shots, psnr_db })
-    }
-}
-
-fn draw(
-    device: &Device,
-    model: &Model,
-    gaussians: &Gaussians,
-    shots: &[(Camera, f32)],
-) -> Result<Vec<Frame>, EngineError> {
-    let mut renderer = SceneRenderer::new(device, gaussians, &model.motion, model.background)?;
-    let mut frames = Vec::new();
-    renderer.render_clips(&[shots.to_vec()], |_, camera, pixels| {
-        frames.push(Frame::from_rgba32f(camera.width, camera.height, pixels)?);
-        Ok(())
-    })?;
-    Ok(frames)
 }

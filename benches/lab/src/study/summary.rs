@@ -5,7 +5,7 @@ use guard4d_engine::base::ledger::Ledger;
 use super::found::Found;
 use super::plan::{Cell, Machine};
 use super::row::Row;
-use super::table::Table;
+use crate::table::Table;
 
 /// What a sub-study has measured so far.
 pub(super) struct Findings {

@@ -2,9 +2,10 @@
 
 use std::time::Instant;
 
+use guard4d_engine::base::prf::{MasterSecret, Prf};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::asset::gather_asset;
-use guard4d_engine::fingerprint::estimate::{Estimate, estimate};
+use guard4d_engine::fingerprint::estimate::{Estimate, Uncoded, estimate};
 use guard4d_engine::fingerprint::film::{Exposures, Shot};
 use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::fingerprint::power::unspoilt_score;
@@ -23,6 +24,10 @@ const OTHERS: u64 = 20_000;
 /// Copies that were never made.
 const DECOYS: u64 = 20_000;
 
+/// Keys that a film is read by which shows nobody's copy, and copies of each.
+const WRONG_KEYS: u8 = 100;
+const OTHERS_BY_KEY: u64 = 1000;
+
 /// What was found.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Reading {
@@ -34,6 +39,10 @@ pub struct Reading {
     pub leak: String,
     /// What it was filmed as; `asset` where it was not.
     pub film: String,
+    /// Frames of the film.
+    pub frames: u32,
+    /// PSNR that was asked for, dB.
+    pub asked_db: f64,
     /// PSNR of the filmed copy before it was encoded, dB.
     pub psnr_db: f64,
     /// Copies that contributed.
@@ -46,7 +55,9 @@ pub struct Reading {
     pub named: usize,
     /// Bound on the p-value of the best, for a million copies, as a decimal logarithm.
     pub log10_p: f64,
-    /// Of 20,000 others: the best score.
+    /// Keys that it was read by.
+    pub keys_tried: usize,
+    /// Of 20,000 others, or 1000 of each key: the best score.
     pub t_other: f64,
     /// How many of those would be named.
     pub wrong: usize,
@@ -68,12 +79,43 @@ pub struct Reading {
 /// When the device fails.
 pub fn film(device: &Device, issue: &Issue<'_>, spoilt: &Spoilt, copies: &[u64]) -> Result<Reading, EngineError> {
     let started = Instant::now();
-    let mut exposures = Exposures::new(device, issue.model())?;
+    let mut exposures = expose(device, issue.model(), spoilt)?;
+    score(device, issue, &mut exposures, copies, started)
+}
+
+/// Reads a film that shows no copy of anybody's, by as many keys as are tried of each: that of the issue, and others.
+///
+/// # Errors
+/// When the device fails.
+pub fn innocent_film(device: &Device, issue: &Issue<'_>, spoilt: &Spoilt) -> Result<Reading, EngineError> {
+    let started = Instant::now();
+    let found = Uncoded::of(issue, &mut expose(device, issue.model(), spoilt)?)?;
+    let mut reading = Reading { keys_tried: WRONG_KEYS.into(), t_other: f64::NEG_INFINITY, ..Reading::default() };
+    for key in 0..WRONG_KEYS {
+        let prf = Prf::new(&MasterSecret::from_bytes([key, 7].repeat(16).try_into().expect("32 bytes")));
+        let issue = Issue::new(issue.model(), prf, issue.strength());
+        let Estimate { chips, .. } = found.for_issue(&issue);
+        let scorer = Scorer::new(device, &issue, &chips)?;
+        let best = scorer.best(1..OTHERS_BY_KEY + 1)?;
+        let required = scorer.required_score((1e-6 / FAMILY).ln()).unwrap_or(f64::INFINITY);
+        reading.t_other = best.first().map_or(reading.t_other, |scored| reading.t_other.max(scored.score));
+        reading.wrong += best.iter().filter(|scored| scored.score >= required).count();
+        let Decoys { mean, variance, .. } = scorer.decoys(OTHERS_BY_KEY)?;
+        reading.decoy_mean += mean / f64::from(WRONG_KEYS);
+        reading.decoy_variance += variance / f64::from(WRONG_KEYS);
+    }
+    reading.seconds = started.elapsed().as_secs_f64();
+    Ok(reading)
+}
+
+/// What a film says, frame by frame.
+pub(super) fn expose(device: &Device, model: &Model, spoilt: &Spoilt) -> Result<Exposures, EngineError> {
+    let mut exposures = Exposures::new(device, model)?;
     let mut detail = None;
     for (frame, &(camera, time)) in spoilt.frames.iter().zip(&spoilt.shots) {
         exposures.add_of_film(&Shot { frame, camera, time }, &mut detail)?;
     }
-    score(device, issue, &mut exposures, copies, started)
+    Ok(exposures)
 }
 
 /// Reads an asset.
@@ -98,7 +140,8 @@ fn score(
     let seconds = started.elapsed().as_secs_f64();
     let code = issue.code();
     let chance = code.by_chance(&chips)?;
-    let mut reading = Reading { contributed: copies.len(), seconds, t_least: f64::INFINITY, ..Reading::default() };
+    let mut reading =
+        Reading { contributed: copies.len(), keys_tried: 1, seconds, t_least: f64::INFINITY, ..Reading::default() };
     reading.t = f64::NEG_INFINITY;
     let threshold = (1e-6 / FAMILY).ln();
     for copy in copies {

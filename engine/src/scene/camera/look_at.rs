@@ -65,7 +65,8 @@ impl LookAt {
     }
 
     /// Turns the z axis into what is up.
-    pub(super) fn uprights(&self) -> DMat3 {
+    #[must_use]
+    pub fn uprights(&self) -> DMat3 {
         DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, self.up))
     }
 

@@ -28,7 +28,8 @@ impl FidelityHold {
         let mse = mse * self.offset_scale * self.offset_scale;
         let mean = self.mean_mse.map_or(mse, |mean| mean + MSE_SHARE * (mse - mean));
         let progress = (2.0 * step as f32 / config.optimiser.steps as f32).min(1.0);
-        let allowed = 10f32.powf(-0.1 * (start_psnr + (target_psnr - start_psnr) * progress));
+        let asked = start_psnr + (target_psnr - start_psnr) * progress;
+        let allowed = 10f32.powf(-0.1 * config.fidelity.of_mark(asked));
         self.offset_scale = if mean > allowed { (allowed / mean).sqrt() } else { 1.0 };
         self.mean_mse = Some(mean * self.offset_scale * self.offset_scale);
     }

@@ -4,10 +4,10 @@ use guard4d_engine::watermark::embed::{ControlClips, EmbedConfig, JointConfig};
 
 use super::methods::{PAPER_ARM, against_psnr, guard4d, point};
 use crate::chart::{Axis, Chart, Series};
+use crate::report::Report;
 use crate::study::plan::{Arm, DEFAULT_BITS, Scale};
-use crate::study::report::Report;
 use crate::study::summary::{self, Column, Figure, Findings};
-use crate::study::table::Table;
+use crate::table::Table;
 
 /// What the paper prints: bit accuracy in percent and PSNR in dB (Table 3; its ticks read with its prose, which is the
 /// only way that they fit the numbers).

@@ -6,8 +6,8 @@ use guard4d_engine::watermark::embed::Profile;
 
 use super::methods::point;
 use crate::chart::{Axis, Chart, Series};
+use crate::report::Report;
 use crate::study::plan::{Arm, COPY_PX, Scale, Take};
-use crate::study::report::Report;
 use crate::study::summary::{self, Column, Findings};
 
 /// Distortions with their true strengths (see [`DistortionKind`]); the field's names for some of them promise more.

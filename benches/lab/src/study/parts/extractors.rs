@@ -6,8 +6,8 @@ use guard4d_engine::watermark::embed::{Control, Profile};
 use super::ablation::UNTRAINED;
 use super::methods::point;
 use crate::chart::{Axis, Chart, Series};
+use crate::report::Report;
 use crate::study::plan::{Arm, Scale, Take};
-use crate::study::report::Report;
 use crate::study::summary::{self, Column, Findings};
 
 /// Strengths at which a finished mark is read again, beside its own.

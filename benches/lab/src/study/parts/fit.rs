@@ -5,11 +5,11 @@ use guard4d_engine::watermark::embed::EmbedConfig;
 
 use super::methods::point;
 use crate::chart::{Axis, Chart, Series};
+use crate::report::Report;
 use crate::study::plan::{Arm, DEFAULT_BITS, Scale};
-use crate::study::report::Report;
 use crate::study::row::Row;
 use crate::study::summary::{self, Column, Findings};
-use crate::study::table::Table;
+use crate::table::Table;
 
 /// Name of the arm that takes all steps.
 const FULL: &str = "fit full";

@@ -4,10 +4,10 @@ use guard4d_engine::evidence::extractor_mode::ExtractorMode;
 use guard4d_engine::watermark::embed::Profile;
 
 use crate::chart::{Axis, Chart, Point, Series};
+use crate::report::Report;
 use crate::study::plan::{Arm, DEFAULT_BITS, Scale};
-use crate::study::report::Report;
 use crate::study::summary::{self, Column, Figure, Findings, Group};
-use crate::study::table::Table;
+use crate::table::Table;
 
 /// Guard4D as printed, at its message length.
 pub(super) const PAPER_ARM: &str = "Guard4D, 16 bits";

@@ -8,8 +8,8 @@ use guard4d_kernels::shape::OffsetBases;
 use super::fit;
 use super::methods::{guard4d, point, with_bits};
 use crate::chart::{Axis, Chart, Series};
+use crate::report::Report;
 use crate::study::plan::{Arm, DEFAULT_BITS, Scale, Take};
-use crate::study::report::Report;
 use crate::study::summary::{self, Column, Findings, Group};
 
 /// The arm that the program takes unless told otherwise.

@@ -7,8 +7,8 @@ use guard4d_engine::watermark::embed::Profile;
 
 use super::attacks;
 use super::methods::{against_psnr, guard4d, with_bits};
+use crate::report::Report;
 use crate::study::plan::{Arm, DEFAULT_BITS, Scale, Take};
-use crate::study::report::Report;
 use crate::study::summary::{self, Column, Findings};
 
 /// Message lengths, with the fidelities in dB at which 99, 97 and 95 % of the bits are to be read.

@@ -2,13 +2,13 @@
 
 use super::methods::{point, with_bits};
 use crate::chart::{Axis, Chart, Series};
+use crate::report::Report;
 use crate::study::found::Found;
 use crate::study::plan::{Arm, Scale, Take};
-use crate::study::report::Report;
 use crate::study::row::Row;
 use crate::study::scene::Variant;
 use crate::study::summary::{self, Column, Findings, Group};
-use crate::study::table::Table;
+use crate::table::Table;
 
 /// Scenes that are hard in one way each.
 const VARIANTS: [Variant; 12] = [

@@ -5,8 +5,8 @@ use std::str::FromStr;
 use guard4d_engine::error::EngineError;
 
 use super::{ablation, attacks, extractors, fit, methods, pareto, pretrained, stability};
+use crate::report::Report;
 use crate::study::plan::{Arm, Scale};
-use crate::study::report::Report;
 use crate::study::summary::Findings;
 
 /// One question, and how it is answered.

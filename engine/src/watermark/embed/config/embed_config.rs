@@ -17,6 +17,8 @@ use crate::evidence::thresholds::Thresholds;
 
 /// Fidelity of both profiles, dB: what the field reports for marks that nobody sees is 40 to 50.
 const DEFAULT_TARGET_PSNR: f32 = 43.0;
+/// What the owner's chips take of it, dB.
+const DEFAULT_CHIPS_DB: f32 = 0.3;
 /// Rate of the DC offsets at that fidelity. Half of it leaves 4 dB unused, and reads fewer bits (demo, robot, fox).
 const DEFAULT_LR_DC: f32 = 0.011;
 /// Largest offset of `blind` at that fidelity, in colour: 1.15 8-bit steps. Twice as much is 1.4 dB louder and reads no
@@ -96,6 +98,7 @@ impl EmbedConfig {
                 bases: OffsetBases::All,
                 max_offset: None,
                 visibility_share: 1.0,
+                chips_db: DEFAULT_CHIPS_DB,
             },
             objective: Objective {
                 distortions: Vec::new(),
@@ -145,7 +148,7 @@ impl EmbedConfig {
     fn with_the_papers_objective(self) -> Self {
         self.with(|config| {
             (config.fidelity.target_psnr, config.fidelity.start_psnr) = (UNBOUND_PSNR, UNBOUND_PSNR);
-            config.fidelity.max_offset = None;
+            (config.fidelity.max_offset, config.fidelity.chips_db) = (None, 0.0);
             (config.optimiser.lr_dc, config.optimiser.lr_floor) = (5e-3, 1.0);
             config.objective.lambda_msg = 0.03;
             config.objective.lambda_recon = 1.0;

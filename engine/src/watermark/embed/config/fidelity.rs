@@ -41,9 +41,37 @@ pub struct Fidelity {
     /// all, 0.9 far fewer
     #[arg(long, value_name = "SHARE", hide = true)]
     pub visibility_share: f32,
+    /// How much of the fidelity the owner's chips take, dB; 0 writes none
+    ///
+    /// They prove the asset from any camera, see `verify --original --cameras`. The mark keeps that much more.
+    #[arg(long, value_name = "DB", hide = true)]
+    #[serde(default)]
+    pub chips_db: f32,
 }
 
+/// Most that the owner's chips may take, dB: half of the error.
+const MOST_CHIPS_DB: f32 = 3.0;
+/// Fidelity of the owner's chips at least, dB, however little is asked for: they are no stronger than a copy's.
+const FAINTEST_CHIPS_PSNR: f64 = 49.0;
+
 impl Fidelity {
+    /// The fidelity that the mark is held to in training, dB, so that what is asked for is left beside the chips.
+    #[must_use]
+    pub(in super::super) fn of_mark(&self, asked: f32) -> f32 {
+        asked + self.chips_db
+    }
+
+    /// The fidelity of the owner's chips alone, dB; none where none are written.
+    ///
+    /// # Equation
+    /// Errors add up: 10^(−asked/10) = 10^(−(asked + chips)/10) + 10^(−PSNR/10).
+    #[must_use]
+    pub fn chips_psnr(&self) -> Option<f64> {
+        let (asked, chips) = (f64::from(self.target_psnr), f64::from(self.chips_db));
+        let share = 1.0 - 10f64.powf(-0.1 * chips);
+        (chips > 0.0).then(|| (asked - 10.0 * share.log10()).max(FAINTEST_CHIPS_PSNR))
+    }
+
     /// Most that the offset of a coefficient of a model of this degree may be, if there is a bound.
     ///
     /// # Equation: √(16/B) `max_offset` / Y₀
@@ -65,6 +93,7 @@ impl Fidelity {
         check("target PSNR", psnr, (UNBOUND_PSNR..=80.0).contains(&psnr), "20 to 80 dB")?;
         check_weight("max_offset", self.max_offset.unwrap_or(0.0))?;
         let share = self.visibility_share;
-        check("visibility_share", share, share > 0.0 && share <= 1.0, "more than 0, and at most 1")
+        check("visibility_share", share, share > 0.0 && share <= 1.0, "more than 0, and at most 1")?;
+        check("chips_db", self.chips_db, (0.0..=MOST_CHIPS_DB).contains(&self.chips_db), "0 to 3 dB")
     }
 }

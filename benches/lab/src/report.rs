@@ -1,4 +1,4 @@
-//! What people read of a study: one page, one picture, and all of it as JSON.
+//! What people read of measurements: one page, one picture, and all of it as JSON.
 
 use std::path::{Path, PathBuf};
 
@@ -6,20 +6,19 @@ use guard4d_engine::base::output::{AtomicFile, Existing};
 use guard4d_engine::error::EngineError;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Serialize;
+use serde_json::Value;
 
-use super::found::Found;
-use super::summary::Findings;
-use super::table::Table;
 use crate::chart::Chart;
+use crate::table::Table;
 
-/// All that is said of a sub-study.
+/// All that is said of what was measured together.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
     /// Heading.
     pub title: String,
     /// What was done.
     pub intro: String,
-    /// Charts; the first is the picture of the sub-study.
+    /// Charts; the first is the picture of it all.
     pub charts: Vec<Chart>,
     /// Tables.
     pub tables: Vec<Table>,
@@ -31,36 +30,36 @@ struct Printed<'a> {
     command: &'a str,
     #[serde(flatten)]
     report: &'a Report,
-    readings: &'a [Found],
+    readings: &'a Value,
 }
 
 const STYLE: &str = "body{font-family:sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;line-height:1.45}\
 table{border-collapse:collapse;margin:.6em 0 1.6em}td,th{border:1px solid #ccc;padding:.25em .6em;text-align:left}\
 th{background:#f3f3f3}code{background:#f3f3f3}svg{max-width:100%;height:auto}";
 
-/// What holds for every figure.
-const RULES: &str = "Every figure is read from decoded 8-bit frames of views and times that training never saw; seeds \
-differ in key, message, views, times and noise. A clip's bits come from its mean logits. Shares of bits in unmarked \
-clips should be 50 %; in brackets how many embeddings keep to the two-sided 99 % band of as many coin flips (bits of \
-one scene and key depend on one another, so chance leaves that band more often than that). Ranges are least and \
-greatest over scenes and seeds. PSNR is of marked 8-bit frames against clean float renders, mean over views.";
+/// Where figures come from.
+#[derive(Clone, Debug)]
+pub struct Origin<'a> {
+    /// What was typed.
+    pub command: &'a str,
+    /// What holds for every figure.
+    pub rules: &'a str,
+    /// On what they were measured.
+    pub devices: Vec<String>,
+    /// All of them.
+    pub readings: Value,
+}
 
 impl Report {
     /// Writes `NAME.json`, `.svg` and `.html`; says where the page is.
     ///
     /// # Errors
     /// When they cannot be written.
-    pub(super) fn write(
-        &self,
-        out: &Path,
-        name: &str,
-        findings: &Findings,
-        command: &str,
-    ) -> Result<PathBuf, EngineError> {
-        let printed = Printed { command, report: self, readings: findings.rows() };
+    pub fn write(&self, out: &Path, name: &str, origin: &Origin<'_>) -> Result<PathBuf, EngineError> {
+        let printed = Printed { command: origin.command, report: self, readings: &origin.readings };
         let json = serde_json::to_string_pretty(&printed).expect("numbers and words are valid JSON");
         let charts: Vec<String> = self.charts.iter().map(Chart::svg).collect();
-        let html = self.page(command, &charts, findings.rows()).into_string();
+        let html = self.page(origin, &charts).into_string();
         let page = out.join(format!("{name}.html"));
         for (path, text) in [
             (&out.join(format!("{name}.json")), &json),
@@ -73,10 +72,8 @@ impl Report {
     }
 
     /// One page that needs no other file; `charts` are pictures as SVG.
-    fn page(&self, command: &str, charts: &[String], found: &[Found]) -> Markup {
-        let told = found.iter().map(|found| &found.row).filter(|row| !row.device.is_empty());
-        let mut devices: Vec<String> = told.map(|row| format!("{}; version {}", row.device, row.version)).collect();
-        devices.dedup();
+    fn page(&self, origin: &Origin<'_>, charts: &[String]) -> Markup {
+        let Origin { command, rules, devices, .. } = origin;
         html! {
             (DOCTYPE)
             html lang="en" {
@@ -88,7 +85,7 @@ impl Report {
                 body {
                     h1 { (self.title) }
                     p { (self.intro) }
-                    p { (RULES) }
+                    p { (rules) }
                     p { code { (command) } br; (devices.join("; ")) }
                     @for chart in charts { (PreEscaped(chart)) }
                     @for table in &self.tables { (table) }
@@ -107,7 +104,8 @@ mod tests {
         let words = || "<b>&\"".to_owned();
         let table = Table { title: words(), note: words(), head: vec![words()], rows: vec![vec![words()]] };
         let report = Report { title: words(), intro: words(), charts: Vec::new(), tables: vec![table] };
-        let page = report.page(&words(), &["<svg></svg>".to_owned()], &[]).into_string();
+        let origin = Origin { command: &words(), rules: &words(), devices: vec![words()], readings: Value::Null };
+        let page = report.page(&origin, &["<svg></svg>".to_owned()]).into_string();
         assert!(!page.contains("<b>") && page.contains("<td>&lt;b&gt;&amp;&quot;</td>"), "{page}");
         assert!(page.contains("<svg></svg>") && page.contains("td,th{"), "pictures and style are themselves: {page}");
     }

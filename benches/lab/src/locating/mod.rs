@@ -1,0 +1,4 @@
+//! How well films of unknown cameras are located: drawn at random, filmed, encoded, found, compared.
+
+pub mod film;
+pub mod measure;

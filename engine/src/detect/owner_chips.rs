@@ -1,0 +1,77 @@
+//! The owner's chips in films whose cameras are known: a second reading, beside the message, that needs the original.
+
+use serde::Serialize;
+
+use super::gathered::{KnownFilm, SharedClaim, gather};
+use super::opened::Opened;
+use super::request::VerifyRequest;
+use super::suspect::FilmedSuspect;
+use crate::base::observer::{Observer, Progress};
+use crate::error::EngineError;
+use crate::fingerprint::issue::Issue;
+use crate::media::framing::Framing;
+use crate::media::{FrameSource, ReadOptions};
+
+/// Readings that a verification has where it reads chips too: of the message, and of these.
+pub(super) const READINGS: u32 = 2;
+
+/// What the chips say.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ChipsReading {
+    /// How well they agree with the key's.
+    #[serde(flatten)]
+    pub claim: SharedClaim,
+    /// Frames that were compared with the original.
+    pub frames: u64,
+    /// What p-values are multiplied by: the claims that this one was chosen from, and the readings.
+    pub searched: u32,
+    /// Whether they alone prove it by the receipt's rule.
+    pub proves: bool,
+}
+
+/// What is read, by whom.
+pub(super) struct ChipsReader<'a> {
+    pub(super) request: &'a VerifyRequest<'a>,
+    pub(super) opened: &'a Opened,
+    /// Which frames are read.
+    pub(super) options: &'a ReadOptions,
+    /// What the claim was chosen from.
+    pub(super) claims: u32,
+}
+
+impl ChipsReader<'_> {
+    /// Compares films with the original; none without films, without the original, or where no chips were written.
+    ///
+    /// # Errors
+    /// Those of reading films, of the device and of `observer`.
+    pub(super) fn read(
+        &self,
+        films: &[FilmedSuspect],
+        observer: &mut dyn Observer,
+    ) -> Result<Option<ChipsReading>, EngineError> {
+        let Self { request, opened, options, claims } = self;
+        let promise = &opened.receipt().body.promise;
+        let (Some(original), Some(chips), [_, ..]) = (request.original, promise.owner_chips, films) else {
+            return Ok(None);
+        };
+        let issue = Issue::of_owner(original, request.key.prf(), chips.strength);
+        // Cameras are those of whole frames.
+        let options = ReadOptions { framing: Framing::default(), ..(*options).clone() };
+        let open = |film: &FilmedSuspect| FrameSource::open(&film.path, &options);
+        let sources = films.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let known = films.iter().zip(&sources).map(|(film, source)| KnownFilm::new(&film.path, source, &film.cameras));
+        let known = known.collect::<Result<Vec<_>, _>>()?;
+        let total = Some(known.iter().map(|film| film.shots.len() as u64).sum());
+        let mut done = 0;
+        let gathered = gather(request.device, &issue, &known, &mut || {
+            done += 1;
+            observer.observe(Progress { stage: "the owner's chips", done, total })
+        })?;
+        let claim = gathered.shared(&issue)?;
+        let searched = claims.saturating_mul(READINGS);
+        let rule = opened.rule();
+        let log10_p = claim.log10_p + (f64::from(searched) * f64::from(rule.num_claims)).log10();
+        let proves = log10_p <= rule.fpr.log10();
+        Ok(Some(ChipsReading { claim, frames: gathered.frames(), searched, proves }))
+    }
+}

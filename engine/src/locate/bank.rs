@@ -1,0 +1,212 @@
+//! A first guess without a prior: small pictures of the asset from all around and at several moments, found in a frame
+//! at whatever size and place they are most like it.
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+use super::gray::Gray;
+use super::pose::Pose;
+use super::stage::Stage;
+use crate::error::EngineError;
+use crate::scene::FrameSize;
+use crate::scene::camera::paths::{Lens, Orbit, USUAL_FOV_X_RAD};
+
+/// Directions on a whole sphere, some 15 degrees apart.
+const DIRECTIONS: u32 = 183;
+/// Elevations that cameras are looked for at, degrees.
+const ELEVATIONS_DEG: [f64; 2] = [-35.0, 90.0];
+/// Moments of a moving asset.
+const MOMENTS: u32 = 8;
+/// Side of the small pictures, px.
+const SIDE_PX: u32 = 24;
+/// How large the asset is beside a usual film's, at least and at most: cameras from 0.6 to 1.7 times the distance, and
+/// lenses from 25 to 75 degrees.
+const SIZES: [f64; 2] = [0.25, 3.0];
+/// From one size that is tried to the next.
+const SIZE_STEP: f64 = 1.22;
+/// Directions that are nearer than this count as one guess, as the cosine of some 20 degrees.
+const SAME_VIEW: f64 = 0.94;
+
+/// A small picture, from where it was drawn.
+#[derive(Clone, Debug)]
+struct Seen {
+    pose: Pose,
+    gradient: [Vec<f32>; 2],
+    energy: f32,
+}
+
+/// Small pictures of an asset.
+#[derive(Clone, Debug)]
+pub struct Bank {
+    seen: Vec<Seen>,
+}
+
+/// A pose, and how much a frame looks like it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Guess {
+    /// The pose.
+    pub pose: Pose,
+    /// Correlation of gradients, −1 to 1.
+    pub likeness: f64,
+}
+
+impl Bank {
+    /// Draws the pictures.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub fn new(stage: &mut Stage) -> Result<Self, EngineError> {
+        let size = FrameSize::new(SIDE_PX, SIDE_PX)?;
+        let moments = if stage.moves() { MOMENTS } else { 1 };
+        let mut seen = Vec::new();
+        for moment in 0..moments {
+            let time = f64::from(moment) / f64::from(moments.max(2) - 1);
+            for direction in directions() {
+                let Some(pose) = pose_from(stage, direction, time) else { continue };
+                let picture = stage.draw(&pose, size)?;
+                let gradient = picture.gradient();
+                let energy = gradient.iter().flatten().map(|g| g * g).sum();
+                if energy > f32::EPSILON {
+                    seen.push(Seen { pose, gradient, energy });
+                }
+            }
+        }
+        Ok(Self { seen })
+    }
+
+    /// The `count` best guesses at what a frame shows, best first, no two of them of the same view.
+    #[must_use]
+    pub fn guesses(&self, frame: &Gray, count: usize) -> Vec<Guess> {
+        let pictures = pyramid(frame);
+        let best = |seen: &Seen| {
+            pictures.iter().filter_map(|picture| picture.find(seen)).max_by(|a, b| a.likeness.total_cmp(&b.likeness))
+        };
+        let mut found: Vec<Guess> = self.seen.par_iter().filter_map(best).collect();
+        found.sort_by(|a, b| b.likeness.total_cmp(&a.likeness));
+        let mut kept: Vec<Guess> = Vec::new();
+        for guess in found {
+            let axis = |guess: &Guess| guess.pose.turn.inverse() * DVec3::Z;
+            let is_same = |other: &Guess| {
+                axis(other).dot(axis(&guess)) > SAME_VIEW && (other.pose.time - guess.pose.time).abs() < 0.2
+            };
+            if !kept.iter().any(is_same) {
+                kept.push(guess);
+            }
+            if kept.len() == count {
+                break;
+            }
+        }
+        kept
+    }
+}
+
+/// Directions evenly over the sphere (a spiral of golden angles), z up.
+fn directions() -> impl Iterator<Item = DVec3> {
+    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    let [low, high] = ELEVATIONS_DEG.map(|degrees| degrees.to_radians().sin());
+    let at = move |i: u32| {
+        let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(DIRECTIONS);
+        let (sin, cos) = (golden * f64::from(i)).sin_cos();
+        let across = (1.0 - z * z).sqrt();
+        DVec3::new(across * cos, across * sin, z)
+    };
+    (0..DIRECTIONS).map(at).filter(move |direction| (low..=high).contains(&direction.z))
+}
+
+/// Upright, at the usual distance, through the usual lens.
+fn pose_from(stage: &Stage, direction: DVec3, time: f64) -> Option<Pose> {
+    let (look_at, lens) =
+        (stage.look_at(), Lens { fov_x_rad: USUAL_FOV_X_RAD, size: FrameSize::new(SIDE_PX, SIDE_PX).ok()? });
+    let elevation_deg = direction.z.asin().to_degrees();
+    let camera = Orbit { views: 1, elevation_deg, look_at, lens }.cameras().ok()?.views.first()?.camera;
+    let camera = camera.around(look_at.target, DMat3::from_axis_angle(look_at.up, direction.y.atan2(direction.x)));
+    Pose::of_camera(&camera, crate::base::numbers::narrow(time), stage.middle())
+}
+
+/// A frame at a size at which the asset may be as large as in the small pictures.
+struct Level {
+    width: usize,
+    height: usize,
+    gradient: [Vec<f32>; 2],
+    /// Sum of the squares of both gradients.
+    energy: f32,
+}
+
+fn pyramid(frame: &Gray) -> Vec<Level> {
+    let mut levels = Vec::new();
+    let mut size = SIZES[0];
+    while size <= SIZES[1] {
+        // An asset that is `size` times the usual one in a frame is as large as in a picture in a frame of this width.
+        let width = f64::from(SIDE_PX) / size;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some dozens of pixels")]
+        let [across, down] =
+            [width, width * frame.height as f64 / frame.width as f64].map(|side| side.round().max(4.0) as usize);
+        let small = frame.resized(across, down);
+        let gradient = small.gradient();
+        let energy = gradient.iter().flatten().map(|g| g * g).sum();
+        levels.push(Level { width: across, height: down, gradient, energy });
+        size *= SIZE_STEP;
+    }
+    levels
+}
+
+impl Level {
+    /// Where a small picture is most like the frame, of all places where its middle is in the frame.
+    fn find(&self, seen: &Seen) -> Option<Guess> {
+        let half = i64::from(SIDE_PX / 2);
+        let [width, height] = [self.width, self.height].map(|side| i64::try_from(side).unwrap_or(i64::MAX));
+        let mut best: Option<([i64; 2], f64)> = None;
+        let mut look = |[across, down]: [i64; 2]| {
+            if (0..width).contains(&across) && (0..height).contains(&down) {
+                let likeness = self.likeness(seen, [across - half, down - half]);
+                if best.is_none_or(|(_, most)| likeness > most) {
+                    best = Some(([across, down], likeness));
+                }
+            }
+            best
+        };
+        // Every other place, and then those around the best.
+        let mut found = None;
+        for down in (0..height).step_by(2) {
+            for across in (0..width).step_by(2) {
+                found = look([across, down]);
+            }
+        }
+        let ([across, down], _) = found?;
+        for beside in [[-1, 0], [1, 0], [0, -1], [0, 1], [-1, -1], [1, 1], [-1, 1], [1, -1]] {
+            look([across + beside[0], down + beside[1]]);
+        }
+        let ([across, down], likeness) = best?;
+        let of_width = |at: i64, side: i64| (at as f64 - side as f64 / 2.0) / width as f64;
+        // The lens stays the usual one: what differs is how large the asset appears.
+        let size = seen.pose.size + (f64::from(SIDE_PX) / width as f64).ln();
+        let shift = [of_width(across, width), of_width(down, height)];
+        Some(Guess { pose: Pose { shift, size, ..seen.pose }, likeness })
+    }
+
+    /// Correlation of gradients with the picture's upper left corner at a pixel: what of the frame lies outside of the
+    /// picture counts against it, what of the picture lies outside of the frame does not.
+    fn likeness(&self, seen: &Seen, [left, top]: [i64; 2]) -> f64 {
+        let side = i64::from(SIDE_PX);
+        let [width, height] = [self.width, self.height].map(|side| i64::try_from(side).unwrap_or(i64::MAX));
+        let (from_x, to_x) = ((-left).max(0), side.min(width - left));
+        let is_whole = from_x == 0 && to_x == side && top >= 0 && top + side <= height;
+        let (mut dot, mut inside) = (0.0f32, 0.0f32);
+        for y in (-top).max(0)..side.min(height - top) {
+            let index = |at: i64| usize::try_from(at).unwrap_or(0);
+            let (row, there) = (index(y * side), index((y + top) * width + left + from_x));
+            let (own, count) = (row + index(from_x), index(to_x - from_x));
+            for (picture, frame) in seen.gradient.iter().zip(&self.gradient) {
+                let (picture, frame) = (&picture[own..own + count], &frame[there..there + count]);
+                dot += picture.iter().zip(frame).map(|(a, b)| a * b).sum::<f32>();
+                if !is_whole {
+                    inside += picture.iter().map(|a| a * a).sum::<f32>();
+                }
+            }
+        }
+        let inside = if is_whole { seen.energy } else { inside };
+        // A picture that is nearly all outside of the frame says nothing.
+        let sizes = (self.energy * inside.max(0.3 * seen.energy)).sqrt();
+        if sizes > 0.0 { f64::from(dot / sizes) } else { 0.0 }
+    }
+}

@@ -1,0 +1,124 @@
+//! Pictures in one channel, as they are compared.
+
+use crate::media::Frame;
+
+/// Luma of ITU-R BT.601.
+const LUMA: [f32; 3] = [0.299, 0.587, 0.114];
+
+/// A picture of one channel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gray {
+    /// Pixels across.
+    pub width: usize,
+    /// Pixels down.
+    pub height: usize,
+    /// Values, row by row.
+    pub values: Vec<f32>,
+}
+
+impl Gray {
+    /// Luma of a frame, 0 to 1.
+    #[must_use]
+    pub fn of_frame(frame: &Frame) -> Self {
+        let luma = |rgb: &[u8]| LUMA.iter().zip(rgb).map(|(w, level)| w * f32::from(*level) / 255.0).sum();
+        let (width, height) = (frame.width() as usize, frame.height() as usize);
+        Self { width, height, values: frame.rgb().chunks_exact(3).map(luma).collect() }
+    }
+
+    /// Luma of rendered pixels `[H, W, 4]`, as films show them: within 0 and 1.
+    #[must_use]
+    pub fn of_pixels(width: usize, height: usize, pixels: &[f32]) -> Self {
+        let luma = |rgba: &[f32]| LUMA.iter().zip(rgba).map(|(w, value)| w * value.clamp(0.0, 1.0)).sum();
+        Self { width, height, values: pixels.chunks_exact(4).map(luma).collect() }
+    }
+
+    /// The picture at another size, each pixel the mean of what it covers.
+    #[must_use]
+    pub fn resized(&self, width: usize, height: usize) -> Self {
+        if (width, height) == (self.width, self.height) {
+            return self.clone();
+        }
+        let across = shares(self.width, width);
+        let down = shares(self.height, height);
+        let mut rows = vec![0.0; width * self.height];
+        for (out, row) in rows.chunks_exact_mut(width).zip(self.values.chunks_exact(self.width)) {
+            for (value, covered) in out.iter_mut().zip(&across) {
+                *value = covered.iter().map(|(at, share)| row[*at] * share).sum();
+            }
+        }
+        let mut values = vec![0.0; width * height];
+        for (out, covered) in values.chunks_exact_mut(width).zip(&down) {
+            for (at, share) in covered {
+                out.iter_mut().zip(&rows[at * width..]).for_each(|(value, row)| *value += share * row);
+            }
+        }
+        Self { width, height, values }
+    }
+
+    /// How fast values change, right and down, `[H, W]` each, in units of a pixel: half the difference of both
+    /// neighbours; 0 at the ends.
+    #[must_use]
+    pub fn slope(&self) -> [Vec<f32>; 2] {
+        let Self { width, height, values } = self;
+        let mut slope = [vec![0.0; values.len()], vec![0.0; values.len()]];
+        for y in 0..*height {
+            for x in 0..*width {
+                let at = y * width + x;
+                if x > 0 && x + 1 < *width {
+                    slope[0][at] = 0.5 * (values[at + 1] - values[at - 1]);
+                }
+                if y > 0 && y + 1 < *height {
+                    slope[1][at] = 0.5 * (values[at + width] - values[at - width]);
+                }
+            }
+        }
+        slope
+    }
+
+    /// Differences of neighbours, right and down, `[H, W]` each; 0 at the ends.
+    #[must_use]
+    pub fn gradient(&self) -> [Vec<f32>; 2] {
+        let Self { width, height, values } = self;
+        let mut gradient = [vec![0.0; values.len()], vec![0.0; values.len()]];
+        for y in 0..*height {
+            for x in 0..*width {
+                let at = y * width + x;
+                if x + 1 < *width {
+                    gradient[0][at] = values[at + 1] - values[at];
+                }
+                if y + 1 < *height {
+                    gradient[1][at] = values[at + width] - values[at];
+                }
+            }
+        }
+        gradient
+    }
+}
+
+/// For each of `to` pixels, which of `from` it covers, and by what share of its own.
+fn shares(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
+    let scale = from as f64 / to as f64;
+    (0..to)
+        .map(|i| {
+            let (start, end) = (i as f64 * scale, (i + 1) as f64 * scale);
+            let covered = (0..from).skip_while(|at| ((at + 1) as f64) <= start).take_while(|at| (*at as f64) < end);
+            covered
+                .map(|at| {
+                    let part = ((at + 1) as f64).min(end) - (at as f64).max(start);
+                    (at, crate::base::numbers::narrow(part / scale))
+                })
+                .collect()
+        })
+        .collect()
+}
+
+/// How alike the gradients of two pictures of one size are, −1 to 1; 0 where one of them has none.
+#[must_use]
+pub fn correlation(a: &Gray, b: &Gray) -> f64 {
+    let (a, b) = (a.gradient(), b.gradient());
+    let dot = |p: &[Vec<f32>; 2], q: &[Vec<f32>; 2]| -> f64 {
+        p.iter().flatten().zip(q.iter().flatten()).map(|(p, q)| f64::from(p * q)).sum()
+    };
+    let sizes = (dot(&a, &a) * dot(&b, &b)).sqrt();
+    if sizes > 0.0 { dot(&a, &b) / sizes } else { 0.0 }
+}

@@ -1,0 +1,9 @@
+//! From where, when and through which lens a film of an asset was taken, as the film and the unmarked asset say alone.
+//! No key takes part, so that whatever is found, errors included, says the same of every mark.
+
+pub mod align;
+pub mod bank;
+pub mod film;
+pub mod gray;
+pub mod pose;
+pub mod stage;

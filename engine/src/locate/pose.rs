@@ -1,0 +1,139 @@
+//! A camera and a moment as the numbers that pictures depend on nearly one by one.
+//!
+//! Camera centres move pictures along bent valleys: a step aside and a turn cancel. Turns about the scene's middle,
+//! where that is seen, how large the scene appears, and the lens at that size do not.
+
+use glam::{DMat3, DMat4, DQuat, DVec3};
+
+use crate::scene::{Camera, FrameSize};
+
+/// Number of parameters of a pose.
+pub const PARAMETERS: usize = 8;
+/// Those of where, size and lens in steps; see [`Pose::moved`].
+pub const LENS: usize = 6;
+/// See [`Pose::moved`].
+pub const TIME: usize = 7;
+
+/// Depth of a point that is looked at, at least, of the middle's.
+const NEAREST: f64 = 0.05;
+
+/// What is looked at: the scene's middle and how large it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Middle {
+    /// World units.
+    pub point: DVec3,
+    /// Radius of most splats about it, world units.
+    pub radius: f64,
+}
+
+/// From where and when a picture is taken. Lengths are in widths of the picture, so that its size in pixels is no part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// World to camera.
+    pub turn: DQuat,
+    /// Where the middle is seen from the centre of the picture, right and down, in widths.
+    pub shift: [f64; 2],
+    /// Logarithm of how large the scene's radius appears at the middle's depth, in widths.
+    pub size: f64,
+    /// Logarithm of the focal length, in widths.
+    pub lens: f64,
+    /// Moment, 0 to 1.
+    pub time: f64,
+}
+
+impl Pose {
+    /// The camera, of a picture with this shape.
+    #[must_use]
+    pub fn camera(&self, middle: Middle, size: FrameSize) -> Camera {
+        let width = f64::from(size.width());
+        let focal = self.lens.exp();
+        let depth = focal * middle.radius / self.size.exp();
+        let [across, down] = self.shift.map(|shift| shift / focal * depth);
+        let to_camera = DMat3::from_quat(self.turn);
+        let translation = DVec3::new(across, down, depth) - to_camera * middle.point;
+        let world_to_camera = DMat4::from_mat3_translation(to_camera, translation).as_mat4();
+        Camera::with_focal(world_to_camera, [focal * width, focal * width], size)
+    }
+
+    /// The pose of a camera whose pixels are square and whose axis goes through the centre of the picture; none if the
+    /// middle is behind it.
+    #[must_use]
+    pub fn of_camera(camera: &Camera, time: f32, middle: Middle) -> Option<Self> {
+        let to_camera = camera.world_to_camera.as_dmat4();
+        let seen = to_camera.transform_point3(middle.point);
+        let focal = f64::from(camera.fx) / f64::from(camera.width);
+        (seen.z > 0.0).then(|| Self {
+            turn: DQuat::from_mat3(&DMat3::from_mat4(to_camera)).normalize(),
+            shift: [focal * seen.x / seen.z, focal * seen.y / seen.z],
+            size: (focal * middle.radius / seen.z).ln(),
+            lens: focal.ln(),
+            time: f64::from(time),
+        })
+    }
+
+    /// The pose after a step: three angles about the middle in camera space (rad), right and down (widths), logarithms
+    /// of size and lens, and time.
+    #[must_use]
+    pub fn moved(&self, step: &[f64; PARAMETERS]) -> Self {
+        let [x, y, z, across, down, size, lens, time] = *step;
+        Self {
+            turn: (DQuat::from_scaled_axis(DVec3::new(x, y, z)) * self.turn).normalize(),
+            shift: [self.shift[0] + across, self.shift[1] + down],
+            size: self.size + size,
+            lens: self.lens + lens,
+            time: (self.time + time).clamp(0.0, 1.0),
+        }
+    }
+
+    /// The step that leads from another pose to this one.
+    #[must_use]
+    pub fn since(&self, other: &Self) -> [f64; PARAMETERS] {
+        let turn = (self.turn * other.turn.inverse()).normalize();
+        // The shorter way round.
+        let turn = if turn.w < 0.0 { -turn } else { turn }.to_scaled_axis();
+        let [across, down] = [0, 1].map(|i| self.shift[i] - other.shift[i]);
+        let (size, lens, time) = (self.size - other.size, self.lens - other.lens, self.time - other.time);
+        [turn.x, turn.y, turn.z, across, down, size, lens, time]
+    }
+
+    /// How the picture of a point moves with each parameter but time, right and down, in widths for each unit; none at
+    /// or behind the camera.
+    ///
+    /// # Equation
+    /// Of p in camera space and the middle at t: turns move p by e × (p − t), shifts by (d/f, 0, 0) and (0, d/f, 0),
+    /// size by −t, and the lens by (0, 0, d), at the middle's depth d and the focal length f, besides u by itself.
+    #[must_use]
+    pub fn flow(&self, middle: Middle, point: DVec3) -> Option<[[f64; 2]; TIME]> {
+        let focal = self.lens.exp();
+        let depth = focal * middle.radius / self.size.exp();
+        let centre = DVec3::new(self.shift[0] / focal * depth, self.shift[1] / focal * depth, depth);
+        let about = self.turn * (point - middle.point);
+        let seen = about + centre;
+        if seen.z <= NEAREST * depth {
+            return None;
+        }
+        let [u, v] = [focal * seen.x / seen.z, focal * seen.y / seen.z];
+        let moved = |by: DVec3| [(focal * by.x - u * by.z) / seen.z, (focal * by.y - v * by.z) / seen.z];
+        let [across, down] = [DVec3::X, DVec3::Y].map(|axis| moved(axis * (depth / focal)));
+        let lens = moved(DVec3::Z * depth);
+        let turned = |axis: DVec3| moved(axis.cross(about));
+        Some([
+            turned(DVec3::X),
+            turned(DVec3::Y),
+            turned(DVec3::Z),
+            across,
+            down,
+            moved(-centre),
+            [u + lens[0], v + lens[1]],
+        ])
+    }
+
+    /// How far a change of each parameter moves the picture, roughly: in widths for each unit.
+    #[must_use]
+    pub fn reach(&self) -> [f64; PARAMETERS] {
+        let radius = self.size.exp();
+        // Half of the radius is where most splats are; a lens moves what is nearer or farther than the middle alone.
+        let seen = 0.5 * radius;
+        [seen, seen, seen, 1.0, 1.0, seen, 0.1 * seen, seen]
+    }
+}

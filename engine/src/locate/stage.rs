@@ -1,0 +1,198 @@
+//! The unmarked asset, drawn small and often.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use guard4d_kernels::{Buffer, Device};
+
+use super::gray::Gray;
+use super::pose::{Middle, Pose};
+use crate::base::numbers::narrow;
+use crate::error::EngineError;
+use crate::render::deform::{DeformField, SplatState};
+use crate::render::{FrameMut, FramePlan, OffsetBases, Offsets, Prune, Renderer};
+use crate::scene::camera::paths::USUAL_FOV_X_RAD;
+use crate::scene::gaussians::{SH_FLOATS, Y0};
+use crate::scene::{FrameSize, Gaussians, LookAt, Model};
+
+/// Pictures are drawn so many times as large along a side, and made smaller: a splat is drawn no narrower than a pixel.
+const FINER: u32 = 2;
+
+/// Moments that are kept, and two more.
+pub const MOMENTS: u32 = 64;
+/// Least share of a pixel that the asset covers for its place to be known.
+const COVERED: f64 = 0.1;
+
+/// The asset with what draws it.
+#[derive(Debug)]
+pub struct Stage {
+    device: Device,
+    field: DeformField,
+    renderer: Renderer,
+    background: [f32; 3],
+    look_at: LookAt,
+    moves: bool,
+    rough: bool,
+    places: Places,
+    /// Offsets with which colours are places.
+    as_places: Buffer<f32>,
+}
+
+impl Stage {
+    /// Of an asset.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub fn new(device: &Device, model: &Model) -> Result<Self, EngineError> {
+        let look_at = LookAt::of(model, USUAL_FOV_X_RAD);
+        let places = Places::about(middle(look_at));
+        Ok(Self {
+            device: device.clone(),
+            field: DeformField::new(device, &model.gaussians, &model.motion)?.with_cached_times(MOMENTS as usize + 2),
+            renderer: Renderer::new(device)?,
+            background: model.background,
+            look_at,
+            moves: !model.motion.is_still(),
+            rough: true,
+            places,
+            as_places: device.buffer_from("locate.as_places", &places.offsets(&model.gaussians))?,
+        })
+    }
+
+    /// What usual cameras look at.
+    #[must_use]
+    pub fn look_at(&self) -> LookAt {
+        self.look_at
+    }
+
+    /// The middle, with as much about it as a usual camera takes in.
+    #[must_use]
+    pub fn middle(&self) -> Middle {
+        middle(self.look_at)
+    }
+
+    /// Whether time changes anything.
+    #[must_use]
+    pub fn moves(&self) -> bool {
+        self.moves
+    }
+
+    /// The asset at a moment.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub fn at(&mut self, time: f64) -> Result<Arc<SplatState>, EngineError> {
+        let moments = f64::from(MOMENTS);
+        self.field.at(narrow(if self.rough { (time * moments).round() / moments } else { time }))
+    }
+
+    /// Whether moments are drawn as the nearest of some that are kept: a network takes several times as long for a
+    /// moment as a small picture of it does.
+    pub fn set_rough(&mut self, rough: bool) {
+        self.rough = rough;
+    }
+
+    /// What a camera sees of the asset at the pose's moment.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub fn draw(&mut self, pose: &Pose, size: FrameSize) -> Result<Gray, EngineError> {
+        let finer = FrameSize::new(FINER * size.width(), FINER * size.height())?;
+        let plan = self.plan(pose, finer)?;
+        let mut rec = self.device.recorder()?;
+        let mut pixels = self.device.buffer("locate.frame", plan.frame_len())?;
+        self.renderer.forward(&mut rec, &plan, None, self.background, FrameMut { clip: &mut pixels, index: 0 })?;
+        rec.submit()?;
+        Ok(as_films(&pixels.read()?, finer, size))
+    }
+
+    /// The same, and the points that are seen.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub fn survey(&mut self, pose: &Pose, size: FrameSize) -> Result<Survey, EngineError> {
+        let finer = FrameSize::new(FINER * size.width(), FINER * size.height())?;
+        let plan = self.plan(pose, finer)?;
+        let mut rec = self.device.recorder()?;
+        let [mut pixels, mut places] = [
+            self.device.buffer("locate.frame", plan.frame_len())?,
+            self.device.buffer("locate.places", plan.frame_len())?,
+        ];
+        self.renderer.forward(&mut rec, &plan, None, self.background, FrameMut { clip: &mut pixels, index: 0 })?;
+        let offsets = Some(Offsets { data: &self.as_places, bases: OffsetBases::All });
+        self.renderer.forward(&mut rec, &plan, offsets, [0.0; 3], FrameMut { clip: &mut places, index: 0 })?;
+        rec.submit()?;
+        let picture = as_films(&pixels.read()?, finer, size);
+        let (across, width) = (finer.width() as usize, size.width() as usize);
+        let mut sums = vec![[0.0f64; 4]; width * size.height() as usize];
+        for (at, pixel) in places.read()?.chunks_exact(4).enumerate() {
+            let to = (at / across / FINER as usize) * width + at % across / FINER as usize;
+            let covered = 1.0 - f64::from(pixel[3]);
+            let place = [pixel[0], pixel[1], pixel[2]].map(f64::from);
+            sums[to].iter_mut().zip(place.into_iter().chain([covered])).for_each(|(sum, value)| *sum += value);
+        }
+        let enough = COVERED * f64::from(FINER * FINER);
+        let point = |[x, y, z, covered]: [f64; 4]| {
+            (covered >= enough).then(|| self.places.point(DVec3::new(x, y, z) / covered))
+        };
+        Ok(Survey { picture, points: sums.into_iter().map(point).collect() })
+    }
+
+    fn plan(&mut self, pose: &Pose, size: FrameSize) -> Result<FramePlan, EngineError> {
+        let state = self.at(pose.time)?;
+        self.renderer.plan(&state, &pose.camera(self.middle(), size), Prune::Keep)
+    }
+}
+
+fn middle(look_at: LookAt) -> Middle {
+    Middle { point: look_at.target, radius: look_at.radius * (USUAL_FOV_X_RAD / 2.0).tan() }
+}
+
+/// A picture and what it shows.
+#[derive(Clone, Debug)]
+pub struct Survey {
+    /// The picture.
+    pub picture: Gray,
+    /// For each pixel the point that it shows, where it shows enough of the asset: of moving splats, where they are in
+    /// the file.
+    pub points: Vec<Option<DVec3>>,
+}
+
+/// How places are kept as colours: between these, from 0 to 1.
+#[derive(Clone, Copy, Debug)]
+struct Places {
+    low: DVec3,
+    extent: DVec3,
+}
+
+impl Places {
+    /// Of as much as a usual camera takes in, twice.
+    fn about(middle: Middle) -> Self {
+        let half = DVec3::splat(2.0 * middle.radius);
+        Self { low: middle.point - half, extent: 2.0 * half }
+    }
+
+    fn colour(&self, place: DVec3) -> DVec3 {
+        ((place - self.low) / self.extent).clamp(DVec3::ZERO, DVec3::ONE)
+    }
+
+    fn point(&self, colour: DVec3) -> DVec3 {
+        self.low + colour * self.extent
+    }
+
+    /// Offsets of all coefficients `[N, 16, 3]` that make each splat's colour its place.
+    fn offsets(&self, gaussians: &Gaussians) -> Vec<f32> {
+        let mut offsets: Vec<f32> = gaussians.sh_coeffs.iter().map(|h| -h).collect();
+        for (row, mean) in offsets.chunks_exact_mut(SH_FLOATS).zip(&gaussians.means) {
+            let colour = self.colour(glam::Vec3::from(*mean).as_dvec3()).to_array();
+            row.iter_mut().zip(colour).for_each(|(dc, colour)| *dc += narrow((colour - 0.5) / Y0));
+        }
+        offsets
+    }
+}
+
+/// Rendered pixels as a film of another size shows them.
+fn as_films(pixels: &[f32], drawn: FrameSize, size: FrameSize) -> Gray {
+    let picture = Gray::of_pixels(drawn.width() as usize, drawn.height() as usize, pixels);
+    picture.resized(size.width() as usize, size.height() as usize)
+}

@@ -1,0 +1,107 @@
+//! The owner's chips: `embed` writes them, and `verify --original --cameras` reads them in films from where nothing
+//! was trained.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+use guard4d_engine::networks::clip::{ClipModel, ClipSource};
+use guard4d_engine::scene::demo::DemoScene;
+use serde_json::Value;
+
+use super::{Run, guard4d, put, scratch};
+use crate::support::gpu::{Gpu, device};
+use crate::support::owner::key_file;
+
+/// The built-in scene with a mark of next to no training, and films of it.
+struct Owner {
+    folder: tempfile::TempDir,
+    scene: DemoScene,
+}
+
+impl Owner {
+    fn new(gpu: &Gpu) -> Self {
+        let owner = Self { folder: scratch(), scene: DemoScene::unpack().expect("the scene unpacks") };
+        let clip = ClipModel::load(gpu, &ClipSource::Mini).expect("the embedded checkpoint is complete");
+        put(owner.folder.path(), "owner.key", &key_file(&clip).to_bytes().expect("serialises"));
+        owner
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn embed(&self, out: &str, more: &[&str]) -> Run {
+        let (scene, key, out) = (self.scene.path(), self.at("owner.key"), self.at(out));
+        let small = "--steps 2 --train-clips 2 --probes 16 --size 32x32 --orbit 1 --frames 2 --min-accuracy 0 --quiet";
+        let mut args: Vec<&dyn AsRef<OsStr>> = vec![&"embed", &scene, &"--key", &key, &"--out", &out];
+        let words: Vec<&str> = small.split(' ').chain(more.iter().copied()).collect();
+        args.extend(words.iter().map(|word| word as &dyn AsRef<OsStr>));
+        guard4d(&args)
+    }
+
+    /// From 70 degrees above; training stays below 60.
+    fn film(&self, model: &Path, name: &str) {
+        let (out, cameras) = (self.at(name), self.at("cameras.json"));
+        let from = "--orbit 8 --frames 1 --elevation 70 --size 240x240 -w";
+        let mut args: Vec<&dyn AsRef<OsStr>> = vec![&"render", &model, &"--out", &out, &"--save-cameras", &cameras];
+        let words: Vec<&str> = from.split(' ').collect();
+        args.extend(words.iter().map(|word| word as &dyn AsRef<OsStr>));
+        guard4d(&args).done();
+    }
+
+    fn verify(&self, film: &str, receipt: &str, more: &[&dyn AsRef<OsStr>]) -> Run {
+        let (film, key) = (self.at(film), self.at("owner.key"));
+        let receipt = self.at(receipt).join("private/receipt.json");
+        let args: [&dyn AsRef<OsStr>; 6] = [&"verify", &film, &"--key", &key, &"--receipt", &receipt];
+        guard4d(&[&args[..], more].concat())
+    }
+}
+
+fn json(run: &Run) -> Value {
+    serde_json::from_str(&run.stdout).unwrap_or_else(|e| panic!("{e} in:\n{}{}", run.stdout, run.stderr))
+}
+
+#[test]
+fn a_film_from_above_proves_the_asset_by_its_chips_alone() {
+    let Some(gpu) = device() else { return };
+    let owner = Owner::new(&gpu);
+    owner.embed("out", &[]).done();
+    owner.film(&owner.at("out/marked"), "leak");
+    owner.film(owner.scene.path(), "clean");
+    let (scene, cameras) = (owner.scene.path(), owner.at("cameras.json"));
+    let by_cameras: [&dyn AsRef<OsStr>; 5] = [&"--original", &scene, &"--cameras", &cameras, &"--json"];
+
+    let run = owner.verify("leak", "out", &by_cameras);
+    let found = json(&run);
+    let chips = &found["owner_chips"];
+    assert_eq!((run.code, &found["verdict"], &chips["proves"]), (0, &"present".into(), &true.into()), "{found}");
+    assert_ne!(found["evidence"]["verdict"], "present", "eight bits prove nothing");
+    assert_eq!((&chips["frames"], &chips["searched"]), (&8.into(), &2.into()), "{chips}");
+    // What the issue asks of 24 frames through a codec; these are eight, and exact.
+    assert!(chips["log10_p"].as_f64().is_some_and(|p| p < -9.0), "{chips}");
+    // The message is one of two readings.
+    assert_eq!(found["evidence"]["p_value"]["searched"], 2, "{found}");
+    let words = owner.verify("leak", "out", &by_cameras[..4]).stdout;
+    assert!(words.contains("PRESENT") && words.contains("they prove it alone"), "{words}");
+    // Ten claims, ten chances.
+    let ten = json(&owner.verify("leak", "out", &[&by_cameras[..], &[&"--claims", &"10"]].concat()));
+    assert_eq!((&ten["owner_chips"]["searched"], &ten["owner_chips"]["proves"]), (&20.into(), &true.into()), "{ten}");
+
+    let found = json(&owner.verify("clean", "out", &by_cameras));
+    assert_eq!((&found["owner_chips"]["proves"], &found["owner_chips"]["frames"]), (&false.into(), &8.into()));
+    assert!(found["owner_chips"]["p"].as_f64().is_some_and(|p| p > 1e-3), "{found}");
+    assert_ne!(found["verdict"], "present", "{found}");
+
+    // Without the original, or with cameras of another film, they are not read.
+    let blind = json(&owner.verify("leak", "out", &[&"--json"]));
+    assert!(blind["owner_chips"].is_null() && blind["evidence"]["p_value"]["kind"] == "exact", "{blind}");
+    let orbit = json(&owner.verify("leak", "out", &[&"--original", &scene, &"--orbit", &"8", &"--json"]));
+    assert!(orbit["owner_chips"].is_null(), "{orbit}");
+
+    // A mark without chips says nothing by them.
+    owner.embed("plain", &["--chips-db", "0"]).done();
+    owner.film(&owner.at("plain/marked"), "plain-film");
+    let plain = json(&owner.verify("plain-film", "plain", &by_cameras));
+    assert!(plain["owner_chips"].is_null(), "{plain}");
+    owner.embed("much", &["--chips-db", "4"]).refused(2, &["chips_db: 4", "0 to 3 dB"]);
+}

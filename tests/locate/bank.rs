@@ -1,0 +1,36 @@
+//! What a frame shows is found without a prior.
+
+use glam::DVec3;
+use guard4d_engine::locate::bank::Bank;
+use guard4d_engine::locate::pose::Pose;
+use guard4d_engine::locate::stage::Stage;
+use guard4d_engine::scene::demo::DemoScene;
+use guard4d_engine::scene::{FrameSize, Model};
+
+use crate::support::gpu::device;
+
+#[test]
+fn a_frame_is_found_among_small_pictures_at_any_size_and_place() {
+    let Some(gpu) = device() else { return };
+    let scene = DemoScene::unpack().expect("the scene unpacks");
+    let model = Model::open(scene.path()).expect("the scene opens");
+    let mut stage = Stage::new(&gpu, &model).expect("it fits");
+    let bank = Bank::new(&mut stage).expect("it is drawn");
+    let turn = glam::DQuat::from_rotation_x(2.2) * glam::DQuat::from_rotation_z(0.9);
+    let truth = Pose { turn, shift: [0.15, -0.1], size: -1.6, lens: 0.2, time: 0.3 };
+    let frame = stage.draw(&truth, FrameSize::new(160, 90).expect("a size")).expect("draws");
+    let guesses = bank.guesses(&frame, 10);
+    let axis = |pose: &Pose| pose.turn.inverse() * DVec3::Z;
+    // Pictures are 15 degrees apart, and at 24 pixels a neighbour may look as like; size within a step, place
+    // within a pixel.
+    let is_near = |pose: &Pose| {
+        let [x, y] = [0, 1].map(|i| (pose.shift[i] - truth.shift[i]).abs());
+        axis(pose).dot(axis(&truth)) > 20f64.to_radians().cos()
+            && x < 0.05
+            && y < 0.05
+            && (pose.size - truth.size).abs() < 0.3
+    };
+    let found = guesses.iter().position(|guess| is_near(&guess.pose));
+    assert!(found.is_some_and(|at| at < 3), "{found:?} of {guesses:?}");
+    assert!(guesses.windows(2).all(|pair| pair[0].likeness >= pair[1].likeness), "best first");
+}

@@ -1,0 +1,38 @@
+//! Pictures are made smaller by what they cover, and compared by how they change.
+
+use guard4d_engine::locate::gray::{Gray, correlation};
+use guard4d_engine::media::Frame;
+
+fn ramp(width: usize, height: usize) -> Gray {
+    let value = |i: usize| (i % width) as f32 + 10.0 * (i / width) as f32;
+    Gray { width, height, values: (0..width * height).map(value).collect() }
+}
+
+#[test]
+fn smaller_pictures_are_means_of_what_they_cover() {
+    let small = ramp(4, 4).resized(2, 2);
+    assert_eq!(small.values, [5.5, 7.5, 25.5, 27.5]);
+    // Three pixels into two: each covers one and a half.
+    let uneven = Gray { width: 3, height: 1, values: vec![0.0, 3.0, 6.0] }.resized(2, 1);
+    assert!(uneven.values.iter().zip([1.0, 5.0]).all(|(a, b): (&f32, f32)| (a - b).abs() < 1e-6), "{uneven:?}");
+    let white = Gray::of_frame(&Frame::new(2, 1, vec![255; 6]).expect("a frame"));
+    assert!(white.values.iter().all(|value| (value - 1.0).abs() < 1e-6), "{white:?}");
+    assert_eq!(
+        Gray::of_pixels(1, 1, &[9.0, 9.0, 9.0, 0.5]).values,
+        Gray::of_pixels(1, 1, &[1.0, 1.0, 1.0, 0.0]).values
+    );
+}
+
+#[test]
+fn likeness_is_of_changes() {
+    let picture = Gray { width: 3, height: 2, values: vec![0.0, 1.0, 0.5, 0.2, 0.9, 0.1] };
+    let brighter = Gray { values: picture.values.iter().map(|v| 0.3 + 2.0 * v).collect(), ..picture.clone() };
+    let inverted = Gray { values: picture.values.iter().map(|v| -v).collect(), ..picture.clone() };
+    let flat = Gray { values: vec![0.7; 6], ..picture.clone() };
+    // Sums of a dozen 32-bit numbers.
+    assert!((correlation(&picture, &brighter) - 1.0).abs() < 1e-6);
+    assert!((correlation(&picture, &inverted) + 1.0).abs() < 1e-6);
+    assert_eq!(correlation(&picture, &flat), 0.0, "nothing to compare");
+    assert_eq!(ramp(4, 3).slope()[0][5], 1.0);
+    assert_eq!(ramp(4, 3).slope()[1][5], 10.0);
+}

@@ -1,0 +1,6 @@
+//! Where films were taken from.
+
+mod align;
+mod bank;
+mod gray;
+mod pose;
