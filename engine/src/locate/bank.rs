@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::gray::Gray;
 use super::pose::Pose;
 use super::stage::Stage;
+use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::scene::FrameSize;
 use crate::scene::camera::paths::{Lens, Orbit, USUAL_FOV_X_RAD};
@@ -17,22 +18,42 @@ const DIRECTIONS: u32 = 183;
 const ELEVATIONS_DEG: [f64; 2] = [-35.0, 90.0];
 /// Moments of a moving asset.
 const MOMENTS: u32 = 8;
-/// Side of the small pictures, px.
-const SIDE_PX: u32 = 24;
+/// Sides of the small pictures, px: for assets that are small in a frame, and for those that fill it and more.
+const SIDES_PX: [usize; 2] = [24, 48];
+/// How large an asset is, beside a usual film's, for which the larger ones are taken.
+const LARGE: f64 = 1.0;
 /// How large the asset is beside a usual film's, at least and at most: cameras from 0.6 to 1.7 times the distance, and
 /// lenses from 25 to 75 degrees.
 const SIZES: [f64; 2] = [0.25, 3.0];
 /// From one size that is tried to the next.
 const SIZE_STEP: f64 = 1.22;
+/// Share of a small picture's gradients that is in the frame at least, before what is outside counts against it.
+const LEAST_INSIDE: f32 = 0.3;
 /// Directions that are nearer than this count as one guess, as the cosine of some 20 degrees.
 const SAME_VIEW: f64 = 0.94;
 
-/// A small picture, from where it was drawn.
+/// A view of the asset, in pictures of both sizes.
 #[derive(Clone, Debug)]
 struct Seen {
     pose: Pose,
+    looks: [Look; 2],
+}
+
+/// What a small picture looks like.
+#[derive(Clone, Debug)]
+struct Look {
+    side: usize,
     gradient: [Vec<f32>; 2],
+    /// Sum of the squares of both.
     energy: f32,
+}
+
+impl Look {
+    fn of(picture: &Gray, side: usize) -> Self {
+        let gradient = picture.resized(side, side).gradient();
+        let energy = gradient.iter().flatten().map(|g| g * g).sum();
+        Self { side, gradient, energy }
+    }
 }
 
 /// Small pictures of an asset.
@@ -56,7 +77,7 @@ impl Bank {
     /// # Errors
     /// When memory runs out or the device fails.
     pub fn new(stage: &mut Stage) -> Result<Self, EngineError> {
-        let size = FrameSize::new(SIDE_PX, SIDE_PX)?;
+        let size = drawn_size()?;
         let moments = if stage.moves() { MOMENTS } else { 1 };
         let mut seen = Vec::new();
         for moment in 0..moments {
@@ -64,10 +85,9 @@ impl Bank {
             for direction in directions() {
                 let Some(pose) = pose_from(stage, direction, time) else { continue };
                 let picture = stage.draw(&pose, size)?;
-                let gradient = picture.gradient();
-                let energy = gradient.iter().flatten().map(|g| g * g).sum();
-                if energy > f32::EPSILON {
-                    seen.push(Seen { pose, gradient, energy });
+                let looks = SIDES_PX.map(|side| Look::of(&picture, side));
+                if looks.iter().all(|look| look.energy > f32::EPSILON) {
+                    seen.push(Seen { pose, looks });
                 }
             }
         }
@@ -113,14 +133,19 @@ fn directions() -> impl Iterator<Item = DVec3> {
     (0..DIRECTIONS).map(at).filter(move |direction| (low..=high).contains(&direction.z))
 }
 
+/// As large as the larger pictures.
+fn drawn_size() -> Result<FrameSize, EngineError> {
+    let side = u32::try_from(SIDES_PX[1]).unwrap_or(u32::MAX);
+    FrameSize::new(side, side)
+}
+
 /// Upright, at the usual distance, through the usual lens.
 fn pose_from(stage: &Stage, direction: DVec3, time: f64) -> Option<Pose> {
-    let (look_at, lens) =
-        (stage.look_at(), Lens { fov_x_rad: USUAL_FOV_X_RAD, size: FrameSize::new(SIDE_PX, SIDE_PX).ok()? });
+    let (look_at, lens) = (stage.look_at(), Lens { fov_x_rad: USUAL_FOV_X_RAD, size: drawn_size().ok()? });
     let elevation_deg = direction.z.asin().to_degrees();
     let camera = Orbit { views: 1, elevation_deg, look_at, lens }.cameras().ok()?.views.first()?.camera;
     let camera = camera.around(look_at.target, DMat3::from_axis_angle(look_at.up, direction.y.atan2(direction.x)));
-    Pose::of_camera(&camera, crate::base::numbers::narrow(time), stage.middle())
+    Pose::of_camera(&camera, narrow(time), stage.middle())
 }
 
 /// A frame at a size at which the asset may be as large as in the small pictures.
@@ -130,6 +155,8 @@ struct Level {
     gradient: [Vec<f32>; 2],
     /// Sum of the squares of both gradients.
     energy: f32,
+    /// Which of the small pictures it is compared with.
+    look: usize,
 }
 
 fn pyramid(frame: &Gray) -> Vec<Level> {
@@ -137,14 +164,15 @@ fn pyramid(frame: &Gray) -> Vec<Level> {
     let mut size = SIZES[0];
     while size <= SIZES[1] {
         // An asset that is `size` times the usual one in a frame is as large as in a picture in a frame of this width.
-        let width = f64::from(SIDE_PX) / size;
+        let look = usize::from(size >= LARGE);
+        let width = SIDES_PX[look] as f64 / size;
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some dozens of pixels")]
         let [across, down] =
             [width, width * frame.height as f64 / frame.width as f64].map(|side| side.round().max(4.0) as usize);
         let small = frame.resized(across, down);
         let gradient = small.gradient();
         let energy = gradient.iter().flatten().map(|g| g * g).sum();
-        levels.push(Level { width: across, height: down, gradient, energy });
+        levels.push(Level { width: across, height: down, gradient, energy, look });
         size *= SIZE_STEP;
     }
     levels
@@ -153,12 +181,13 @@ fn pyramid(frame: &Gray) -> Vec<Level> {
 impl Level {
     /// Where a small picture is most like the frame, of all places where its middle is in the frame.
     fn find(&self, seen: &Seen) -> Option<Guess> {
-        let half = i64::from(SIDE_PX / 2);
-        let [width, height] = [self.width, self.height].map(|side| i64::try_from(side).unwrap_or(i64::MAX));
+        let look = &seen.looks[self.look];
+        let half = signed(look.side / 2);
+        let [width, height] = [self.width, self.height].map(signed);
         let mut best: Option<([i64; 2], f64)> = None;
-        let mut look = |[across, down]: [i64; 2]| {
+        let mut try_at = |[across, down]: [i64; 2]| {
             if (0..width).contains(&across) && (0..height).contains(&down) {
-                let likeness = self.likeness(seen, [across - half, down - half]);
+                let likeness = self.likeness(look, [across - half, down - half]);
                 if best.is_none_or(|(_, most)| likeness > most) {
                     best = Some(([across, down], likeness));
                 }
@@ -169,26 +198,26 @@ impl Level {
         let mut found = None;
         for down in (0..height).step_by(2) {
             for across in (0..width).step_by(2) {
-                found = look([across, down]);
+                found = try_at([across, down]);
             }
         }
         let ([across, down], _) = found?;
         for beside in [[-1, 0], [1, 0], [0, -1], [0, 1], [-1, -1], [1, 1], [-1, 1], [1, -1]] {
-            look([across + beside[0], down + beside[1]]);
+            try_at([across + beside[0], down + beside[1]]);
         }
         let ([across, down], likeness) = best?;
         let of_width = |at: i64, side: i64| (at as f64 - side as f64 / 2.0) / width as f64;
         // The lens stays the usual one: what differs is how large the asset appears.
-        let size = seen.pose.size + (f64::from(SIDE_PX) / width as f64).ln();
+        let size = seen.pose.size + (look.side as f64 / width as f64).ln();
         let shift = [of_width(across, width), of_width(down, height)];
         Some(Guess { pose: Pose { shift, size, ..seen.pose }, likeness })
     }
 
     /// Correlation of gradients with the picture's upper left corner at a pixel: what of the frame lies outside of the
     /// picture counts against it, what of the picture lies outside of the frame does not.
-    fn likeness(&self, seen: &Seen, [left, top]: [i64; 2]) -> f64 {
-        let side = i64::from(SIDE_PX);
-        let [width, height] = [self.width, self.height].map(|side| i64::try_from(side).unwrap_or(i64::MAX));
+    fn likeness(&self, look: &Look, [left, top]: [i64; 2]) -> f64 {
+        let side = signed(look.side);
+        let [width, height] = [self.width, self.height].map(signed);
         let (from_x, to_x) = ((-left).max(0), side.min(width - left));
         let is_whole = from_x == 0 && to_x == side && top >= 0 && top + side <= height;
         let (mut dot, mut inside) = (0.0f32, 0.0f32);
@@ -196,7 +225,7 @@ impl Level {
             let index = |at: i64| usize::try_from(at).unwrap_or(0);
             let (row, there) = (index(y * side), index((y + top) * width + left + from_x));
             let (own, count) = (row + index(from_x), index(to_x - from_x));
-            for (picture, frame) in seen.gradient.iter().zip(&self.gradient) {
+            for (picture, frame) in look.gradient.iter().zip(&self.gradient) {
                 let (picture, frame) = (&picture[own..own + count], &frame[there..there + count]);
                 dot += picture.iter().zip(frame).map(|(a, b)| a * b).sum::<f32>();
                 if !is_whole {
@@ -204,9 +233,13 @@ impl Level {
                 }
             }
         }
-        let inside = if is_whole { seen.energy } else { inside };
+        let inside = if is_whole { look.energy } else { inside };
         // A picture that is nearly all outside of the frame says nothing.
-        let sizes = (self.energy * inside.max(0.3 * seen.energy)).sqrt();
+        let sizes = (self.energy * inside.max(LEAST_INSIDE * look.energy)).sqrt();
         if sizes > 0.0 { f64::from(dot / sizes) } else { 0.0 }
     }
+}
+
+fn signed(side: usize) -> i64 {
+    i64::try_from(side).unwrap_or(i64::MAX)
 }
