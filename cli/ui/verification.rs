@@ -71,8 +71,8 @@ pub(crate) fn human(report: &VerifyReport) -> String {
 
 /// What the owner's chips say.
 pub(super) fn chips_in_words(chips: &ChipsReading) -> String {
-    let ChipsReading { claim: SharedClaim { log10_p, score, .. }, frames, searched, proves } = chips;
-    let p = power((log10_p + f64::from(*searched).log10()).min(0.0));
+    let ChipsReading { claim: SharedClaim { score, .. }, frames, searched, proves } = chips;
+    let p = power(chips.log10_p_searched().min(0.0));
     let says = if *proves { "they prove it alone" } else { "they prove nothing alone" };
     format!("p <= {p}, {score:.1} deviations above chance ({frames} frames, times {searched}): {says}")
 }

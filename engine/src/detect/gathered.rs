@@ -67,12 +67,6 @@ impl Gathered {
         let score = if score == 0.0 { 0.0 } else { score / chance.deviation() };
         Ok(SharedClaim { p: log_p.exp(), log10_p: log_p / std::f64::consts::LN_10, score })
     }
-
-    /// Frames that were gathered; none of an asset.
-    #[must_use]
-    pub fn frames(&self) -> u64 {
-        self.frames
-    }
 }
 
 impl std::fmt::Debug for Gathered {

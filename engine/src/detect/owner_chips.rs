@@ -29,6 +29,14 @@ pub struct ChipsReading {
     pub proves: bool,
 }
 
+impl ChipsReading {
+    /// Decimal logarithm of the bound on the p-value, times what it was chosen from.
+    #[must_use]
+    pub fn log10_p_searched(&self) -> f64 {
+        self.claim.log10_p + f64::from(self.searched).log10()
+    }
+}
+
 /// What is read, by whom.
 pub(super) struct ChipsReader<'a> {
     pub(super) request: &'a VerifyRequest<'a>,
@@ -70,8 +78,8 @@ impl ChipsReader<'_> {
         let claim = gathered.shared(&issue)?;
         let searched = claims.saturating_mul(READINGS);
         let rule = opened.rule();
-        let log10_p = claim.log10_p + (f64::from(searched) * f64::from(rule.num_claims)).log10();
-        let proves = log10_p <= rule.fpr.log10();
-        Ok(Some(ChipsReading { claim, frames: gathered.frames(), searched, proves }))
+        let reading = ChipsReading { claim, frames: gathered.frames, searched, proves: false };
+        let proves = reading.log10_p_searched() + f64::from(rule.num_claims).log10() <= rule.fpr.log10();
+        Ok(Some(ChipsReading { proves, ..reading }))
     }
 }

@@ -71,15 +71,19 @@ impl Compared {
         HUBER * (1.4826 * middle).max(LEAST_DEVIATION)
     }
 
-    /// Mean of Huber's measure.
     fn cost(&self, bound: f64) -> f64 {
-        let huber = |r: &f64| if r.abs() <= bound { r * r } else { bound * (2.0 * r.abs() - bound) };
-        self.residual.iter().map(huber).sum::<f64>() / self.residual.len() as f64
+        cost(&self.residual, bound)
     }
 
     fn weights(&self, bound: f64) -> Vec<f64> {
         weights(&self.residual, bound)
     }
+}
+
+/// Mean of Huber's measure.
+fn cost(residual: &[f64], bound: f64) -> f64 {
+    let huber = |r: &f64| if r.abs() <= bound { r * r } else { bound * (2.0 * r.abs() - bound) };
+    residual.iter().map(huber).sum::<f64>() / residual.len() as f64
 }
 
 fn weights(residual: &[f64], bound: f64) -> Vec<f64> {
@@ -138,13 +142,17 @@ pub fn moments(
         return Ok(vec![*pose]);
     }
     let target = level(film, width_px);
+    let size = size_of(&target)?;
     let bound = compare(stage, &target, pose, None)?.bound();
     let mut tried = Vec::new();
     for moment in 0..=MOMENTS {
         let time = f64::from(moment) / f64::from(MOMENTS);
         if (time - pose.time).abs() <= reach {
             let there = Pose { time, ..*pose };
-            tried.push(Tried { cost: compare(stage, &target, &there, Some(bound))?.cost(bound), pose: there });
+            tried.push(Tried {
+                cost: cost(&difference(&stage.draw(&there, size)?, &target, Some(bound)).residual, bound),
+                pose: there,
+            });
         }
     }
     let beside = |at: Option<usize>| at.and_then(|at| tried.get(at)).map_or(f64::INFINITY, |tried| tried.cost);
@@ -241,13 +249,26 @@ fn size_of(picture: &Gray) -> Result<FrameSize, EngineError> {
 /// Draws the asset and takes it from the film, by the exposure and contrast that fit best.
 fn compare(stage: &mut Stage, film: &Gray, pose: &Pose, bound: Option<f64>) -> Result<Compared, EngineError> {
     let seen = stage.survey(pose, size_of(film)?)?;
+    let Difference { residual, gain } = difference(&seen.picture, film, bound);
+    Ok(Compared { seen, residual, gain })
+}
+
+/// What is left of a film's picture after the asset's, and how bright that is in it.
+struct Difference {
+    residual: Vec<f64>,
+    gain: f64,
+}
+
+/// Takes the asset's picture from a film's, once with all pixels alike and, with a bound, once with less of those that
+/// fit worst.
+fn difference(picture: &Gray, film: &Gray, bound: Option<f64>) -> Difference {
     let pairs: Vec<[f64; 2]> =
-        seen.picture.values.iter().zip(&film.values).map(|(x, y)| [f64::from(*x), f64::from(*y)]).collect();
+        picture.values.iter().zip(&film.values).map(|(x, y)| [f64::from(*x), f64::from(*y)]).collect();
     let (mut residual, mut gain) = through(&pairs, &vec![1.0; pairs.len()]);
     if let Some(bound) = bound {
         (residual, gain) = through(&pairs, &weights(&residual, bound));
     }
-    Ok(Compared { seen, residual, gain })
+    Difference { residual, gain }
 }
 
 /// What is left of the second numbers after the best line through the first, and its slope.

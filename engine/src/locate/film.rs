@@ -21,6 +21,8 @@ const ALIKE: usize = 3;
 const LENS_DEG: f64 = 45.0;
 /// Likeness from which on a frame is found.
 const FOUND: f64 = 0.6;
+/// Likeness that needs no second look.
+const GOOD: f64 = 0.85;
 /// Likeness of a frame, of its neighbour's, under which it is looked for anew; and how often that is done.
 const LOST: f64 = 0.8;
 const SEARCHES: u32 = 4;
@@ -36,7 +38,7 @@ const MIDDLE: Plan = Plan { width_px: 96, steps: 10, lens: true };
 const FINE: Plan = Plan { width_px: 192, steps: 8, lens: true };
 /// For one whose neighbour is known.
 const NEXT: Plan = Plan { width_px: 128, steps: 5, lens: false };
-/// For all, with the lens that they share.
+/// For all, from the lens that most have.
 const LAST: Plan = Plan { width_px: 384, steps: 5, lens: true };
 
 /// Where a frame was taken.
@@ -120,9 +122,6 @@ fn first(
     }
     Ok(best.filter(|at| fits[*at].is_some_and(|fit| fit.correlation >= FOUND)))
 }
-
-/// Likeness that needs no second look.
-const GOOD: f64 = 0.85;
 
 /// A frame of which nothing is known.
 fn anywhere(stage: &mut Stage, bank: &Bank, frame: &Gray) -> Result<Option<Fit>, EngineError> {

@@ -59,39 +59,31 @@ impl Gray {
     /// neighbours; 0 at the ends.
     #[must_use]
     pub fn slope(&self) -> [Vec<f32>; 2] {
-        let Self { width, height, values } = self;
-        let mut slope = [vec![0.0; values.len()], vec![0.0; values.len()]];
-        for y in 0..*height {
-            for x in 0..*width {
-                let at = y * width + x;
-                if x > 0 && x + 1 < *width {
-                    slope[0][at] = 0.5 * (values[at + 1] - values[at - 1]);
-                }
-                if y > 0 && y + 1 < *height {
-                    slope[1][at] = 0.5 * (values[at + width] - values[at - width]);
-                }
-            }
-        }
-        slope
+        self.differences(1).map(|of| of.into_iter().map(|difference| 0.5 * difference).collect())
     }
 
     /// Differences of neighbours, right and down, `[H, W]` each; 0 at the ends.
     #[must_use]
     pub fn gradient(&self) -> [Vec<f32>; 2] {
+        self.differences(0)
+    }
+
+    /// The next value less the one `back` before, right and down; 0 where one of them is not there.
+    fn differences(&self, back: usize) -> [Vec<f32>; 2] {
         let Self { width, height, values } = self;
-        let mut gradient = [vec![0.0; values.len()], vec![0.0; values.len()]];
+        let mut differences = [vec![0.0; values.len()], vec![0.0; values.len()]];
         for y in 0..*height {
             for x in 0..*width {
                 let at = y * width + x;
-                if x + 1 < *width {
-                    gradient[0][at] = values[at + 1] - values[at];
+                if x >= back && x + 1 < *width {
+                    differences[0][at] = values[at + 1] - values[at - back];
                 }
-                if y + 1 < *height {
-                    gradient[1][at] = values[at + width] - values[at];
+                if y >= back && y + 1 < *height {
+                    differences[1][at] = values[at + width] - values[at - back * width];
                 }
             }
         }
-        gradient
+        differences
     }
 }
 
