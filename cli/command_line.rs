@@ -14,6 +14,7 @@ use crate::commands::farm::actions::FarmArgs;
 use crate::commands::inspect::InspectArgs;
 use crate::commands::keygen::KeygenArgs;
 use crate::commands::ledger::LedgerArgs;
+use crate::commands::locate::LocateArgs;
 use crate::commands::man::ManArgs;
 use crate::commands::reference::ReferenceArgs;
 use crate::commands::render::RenderArgs;
@@ -73,6 +74,10 @@ pub(crate) enum Command {
     ///
     /// The ledger is one private file, made by `stamp`.
     Ledger(LedgerArgs),
+    /// Says from where, when and through which lens a film of a model was taken
+    ///
+    /// It needs the film and the unmarked model alone. `trace` does the same by itself where no cameras are given.
+    Locate(LocateArgs),
     /// Says whose copy a leaked film or asset shows
     Trace(TraceArgs),
     /// Renders a model to 8-bit frames or a video

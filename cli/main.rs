@@ -14,8 +14,8 @@ use guard4d_engine::error::{EngineError, INTERNAL_ERROR};
 
 use command_line::{Cli, Command};
 use commands::{
-    attack, commit, completions, convert, demo, devices, disclose, embed, farm, inspect, keygen, lab, ledger, man,
-    reference, render, stamp, timestamp, trace, undo, verify,
+    attack, commit, completions, convert, demo, devices, disclose, embed, farm, inspect, keygen, lab, ledger, locate,
+    man, reference, render, stamp, timestamp, trace, undo, verify,
 };
 use ui::log;
 use ui::outcome::Outcome;
@@ -68,6 +68,7 @@ fn run(cli: &Cli) -> Result<Outcome, EngineError> {
         Command::Keygen(args) => keygen::run(args, common),
         Command::Lab(args) => lab::run(args, common),
         Command::Ledger(args) => ledger::run(args, common),
+        Command::Locate(args) => locate::run(args, common),
         Command::Man(args) => man::run(args, &Cli::command()),
         Command::Reference(args) => reference::run(args, &Cli::command()),
         Command::Render(args) => render::run(args, common),

@@ -13,6 +13,7 @@ pub(crate) mod inspect;
 pub(crate) mod keygen;
 pub(crate) mod lab;
 pub(crate) mod ledger;
+pub(crate) mod locate;
 pub(crate) mod man;
 pub(crate) mod reference;
 pub(crate) mod render;

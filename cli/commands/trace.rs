@@ -1,6 +1,8 @@
 //! `guard4d trace`
 
+use std::num::NonZeroU32;
 use std::path::PathBuf;
+use std::sync::PoisonError;
 
 use clap::Args;
 use guard4d_engine::base::digest::Digest;
@@ -11,6 +13,7 @@ use guard4d_engine::detect::trace::{DEFAULT_FPR, Report, TraceRequest, judge};
 use guard4d_engine::device::Device;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::issue::Issue;
+use guard4d_engine::locate::finding::DEFAULT_FRAMES;
 use guard4d_engine::media::FrameSource;
 use guard4d_engine::release::issue_root::root_of;
 use guard4d_engine::release::ledger::Ledger;
@@ -21,10 +24,10 @@ use crate::flags::common::Common;
 use crate::flags::overwrite::Overwrite;
 use crate::shared::farm_job::FarmJob;
 use crate::shared::media::read_options;
-use crate::shared::{device, model};
+use crate::shared::{device, locator, model};
 use crate::ui::document::{Part, Repeat, TraceDocument};
 use crate::ui::outcome::Outcome;
-use crate::ui::progress::bar;
+use crate::ui::progress::{ObserverBar, bar};
 use crate::ui::report::print;
 use crate::ui::stop;
 use crate::ui::tracing_report::human;
@@ -43,9 +46,14 @@ pub(crate) struct TraceArgs {
     /// The issue's ledger
     #[arg(long, value_name = "FILE")]
     ledger: PathBuf,
-    /// Camera and time of each frame, as `render --save-cameras` writes them; once for each film
+    /// Camera and time of each frame, as `render --save-cameras` and `locate` write them; once for each film
+    ///
+    /// Without them each film is looked at as `locate` does. That sees the film and the original alone, and no key.
     #[arg(long, value_name = "FILE")]
     cameras: Vec<PathBuf>,
+    /// Where no cameras are given: look at this many frames of each film at most, evenly spread
+    #[arg(long, value_name = "N", default_value_t = NonZeroU32::new(DEFAULT_FRAMES).expect("more than none"))]
+    max_frames: NonZeroU32,
     /// Largest probability that anybody is named by chance
     #[arg(long, value_name = "P", default_value_t = DEFAULT_FPR)]
     fpr: f64,
@@ -139,27 +147,39 @@ struct Tracer<'a> {
 
 fn read_films(paths: &[PathBuf], args: &TraceArgs, tracer: &Tracer<'_>, common: &Common) -> Result<Leak, EngineError> {
     let Tracer { device, issue } = *tracer;
-    if args.cameras.len() != paths.len() {
+    if !args.cameras.is_empty() && args.cameras.len() != paths.len() {
         return Err(EngineError::Usage {
             what: "--cameras".to_owned(),
             got: format!("{} for {} films", args.cameras.len(), paths.len()),
-            expected: "one for each film, in their order".to_owned(),
+            expected: "one for each film, in their order, or none at all".to_owned(),
         });
     }
     let open = |path: &PathBuf| FrameSource::open(path, &read_options());
     let sources = paths.iter().map(open).collect::<Result<Vec<_>, _>>()?;
-    let known = paths.iter().zip(&sources).zip(&args.cameras);
-    let known = known.map(|((path, source), cameras)| {
-        let (width, height) = source.size_px()?;
-        KnownFilm::new(path, source, &CameraSet::open(cameras, FrameSize::new(width, height)?)?)
-    });
-    let films = known.collect::<Result<Vec<_>, EngineError>>()?;
+    let pairs = || paths.iter().zip(&sources);
+    let (mut films, mut located) = (Vec::new(), Vec::new());
+    if args.cameras.is_empty() {
+        let shared = locator::of(device, issue.model(), common)?;
+        let mut locator = shared.lock().unwrap_or_else(PoisonError::into_inner);
+        for (path, source) in pairs() {
+            let mut progress = ObserverBar::new(common);
+            let found = locator.film(path, &read_options(), args.max_frames, &mut progress)?;
+            located.push(found.report);
+            films.extend(found.cameras.map(|cameras| KnownFilm::new(path, source, &cameras)).transpose()?);
+        }
+    } else {
+        for ((path, source), cameras) in pairs().zip(&args.cameras) {
+            let (width, height) = source.size_px()?;
+            films.push(KnownFilm::new(path, source, &CameraSet::open(cameras, FrameSize::new(width, height)?)?)?);
+        }
+    }
     let progress = bar(common, films.iter().map(|film| film.shots.len() as u64).sum());
-    let gathered = gather(device, issue, &films, &mut || {
+    let mut gathered = gather(device, issue, &films, &mut || {
         progress.inc(1);
         stop::check()
     })?;
     progress.finish_and_clear();
     let beside = if args.report.is_some() { Beside::of(device, issue.model(), &films)? } else { Vec::new() };
+    gathered.located = located;
     Ok(Leak { gathered, beside })
 }

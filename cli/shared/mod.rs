@@ -3,6 +3,7 @@
 pub(crate) mod device;
 pub(crate) mod farm_job;
 pub(crate) mod film;
+pub(crate) mod locator;
 pub(crate) mod media;
 pub(crate) mod model;
 pub(crate) mod session;

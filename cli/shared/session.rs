@@ -14,6 +14,8 @@ use guard4d_engine::networks::clip::ClipModel;
 use guard4d_engine::watermark::key::owner_key::Key;
 use serde_json::Value;
 
+use super::locator::SharedLocator;
+
 /// A file, and hashes of what a key came of.
 type Opened = (PathBuf, Vec<Digest>);
 
@@ -26,6 +28,8 @@ pub(crate) struct Session {
     /// By its file, and hashes of what it came of. Rows of one key stand beside each other.
     key: Held<Opened, Key>,
     verify_cache: Arc<VerifyCache>,
+    /// By the original.
+    locator: Held<Digest, SharedLocator>,
     printed: Mutex<Option<Value>>,
 }
 
@@ -64,10 +68,20 @@ impl Session {
         Arc::clone(&self.verify_cache)
     }
 
+    /// What looks for an original in films, made when it is first asked for; the one before is forgotten.
+    pub(crate) fn locator(
+        &self,
+        original: Digest,
+        make: impl FnOnce() -> Result<SharedLocator, EngineError>,
+    ) -> Result<SharedLocator, EngineError> {
+        self.locator.get(original, make)
+    }
+
     /// Forgets the device, and what is on it or came of it.
     pub(crate) fn forget_device(&self) {
         self.clip.forget();
         self.verify_cache.forget();
+        self.locator.forget();
         self.device.forget();
     }
 

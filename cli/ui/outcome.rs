@@ -3,6 +3,7 @@
 use guard4d_engine::detect::trace::Tracing;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::evidence::judgement::Verdict;
+use guard4d_engine::locate::finding::Locating;
 
 /// Exit code when `embed` did what it was asked to, and the result is not good enough.
 const GATE_MISSED: u8 = 1;
@@ -19,7 +20,7 @@ pub(crate) const EXIT_CODES: &str = "Exit codes:
   1   verify, demo: absent; trace: no copy; embed: the quality gate was missed (see the receipt)
   2   wrong usage
   3   farm: some rows failed, the others are done
-  4   verify, demo, trace: inconclusive; timestamp check: no authority to check the date by
+  4   verify, demo, trace, locate: inconclusive; timestamp check: no authority to check the date by
   65  an input's content is wrong          66  an input is missing
   69  no suitable device or program, or    70  internal error
       too little device memory or budget
@@ -44,6 +45,8 @@ pub(crate) enum Outcome {
     Judged(Verdict),
     /// `trace`: this is the answer.
     Traced(Tracing),
+    /// `locate`: this is the answer.
+    Located(Locating),
 }
 
 impl Outcome {
@@ -56,6 +59,7 @@ impl Outcome {
             Self::RowsLeft => EngineError::Stopped.exit_code(),
             Self::Judged(verdict) => verdict.exit_code(),
             Self::Traced(tracing) => tracing.exit_code(),
+            Self::Located(locating) => locating.exit_code(),
         }
     }
 }

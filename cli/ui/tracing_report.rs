@@ -38,6 +38,10 @@ pub(crate) fn human(report: &Report) -> String {
     if report.frames > 0 {
         rows.push(("frames", report.frames.to_string()));
     }
+    for found in &report.located {
+        let likeness = found.likeness.map_or_else(String::new, |likeness| format!(", {likeness:.2} of 1 like the original"));
+        rows.push(("cameras that were found", format!("{} of {} frames{likeness}", found.located, found.looked_at)));
+    }
     lines.push(table(&rows));
     lines.join("\n")
 }
@@ -48,6 +52,9 @@ pub(crate) fn headline(report: &Report) -> String {
         Tracing::Traced if report.copies.len() == 1 => "TRACED: one copy contributed".to_owned(),
         Tracing::Traced => format!("TRACED: at least {} copies contributed", report.copies.len()),
         Tracing::None => "NONE: this shows no copy of this issue; one would have been found".to_owned(),
+        Tracing::Inconclusive if report.frames == 0 && !report.located.is_empty() => {
+            "INCONCLUSIVE: the original was not found in this film".to_owned()
+        }
         Tracing::Inconclusive if report.owner.log10_p <= report.fpr.log10() => {
             "INCONCLUSIVE: this is a copy of this issue, and too little is seen to say whose".to_owned()
         }

@@ -1,6 +1,6 @@
 //! Poses that are off are brought to where a film was taken.
 
-use guard4d_engine::locate::align::{Plan, align, moments};
+use guard4d_engine::locate::align::{Detail, Plan, align, moments};
 use guard4d_engine::locate::gray::Gray;
 use guard4d_engine::locate::pose::{PARAMETERS, Pose};
 use guard4d_engine::locate::stage::Stage;
@@ -13,9 +13,9 @@ use crate::support::gpu::{Gpu, device};
 
 /// Steps from coarse to fine.
 const PLANS: [Plan; 3] = [
-    Plan { width_px: 48, steps: 10, lens: false },
-    Plan { width_px: 96, steps: 10, lens: true },
-    Plan { width_px: 192, steps: 8, lens: true },
+    Plan { detail: Detail::Width(48), steps: 10, lens: false, as_film: false },
+    Plan { detail: Detail::Width(96), steps: 10, lens: true, as_film: false },
+    Plan { detail: Detail::Width(192), steps: 8, lens: true, as_film: false },
 ];
 
 fn film(gpu: &Gpu, model: &Model, pose: &Pose, stage: &Stage) -> Gray {
@@ -54,7 +54,7 @@ fn a_pose_that_is_off_comes_to_where_the_film_was_taken() {
     let begun = pose;
     let mut likeness = 0.0;
     for plan in PLANS {
-        pose = *moments(&mut stage, &frame, &pose, 64, 0.15).expect("looks").first().expect("the pose's own at least");
+        pose = *moments(&mut stage, &frame, &pose, Detail::Width(64), 0.15).expect("looks").first().expect("the pose's own at least");
         let fit = align(&mut stage, &frame, &pose, plan).expect("aligns");
         (pose, likeness) = (fit.pose, fit.correlation);
     }

@@ -10,7 +10,7 @@ use guard4d_engine::error::EngineError;
 use guard4d_engine::farm::manifest::{Manifest, Row};
 use guard4d_engine::farm::runner::Attempt;
 
-use crate::commands::{attack, convert, embed, keygen, render, stamp, trace, verify};
+use crate::commands::{attack, convert, embed, keygen, locate, render, stamp, trace, verify};
 use crate::flags::common::Common;
 use crate::shared::farm_job::FarmJob;
 use crate::ui::outcome::Outcome;
@@ -19,13 +19,14 @@ use crate::ui::outcome::Outcome;
 pub(crate) type Dispatch<'a> = &'a (dyn Fn(&ArgMatches, Common) -> Result<Outcome, EngineError> + Sync);
 
 /// What rows can ask for.
-const JOBS: [&FarmJob; 8] = [
+const JOBS: [&FarmJob; 9] = [
     &keygen::FARM,
     &embed::run::FARM,
     &verify::FARM,
     &render::FARM,
     &attack::FARM,
     &convert::FARM,
+    &locate::FARM,
     &stamp::FARM,
     &trace::FARM,
 ];

@@ -13,6 +13,9 @@ use crate::scene::Model;
 const OF_CLIP: usize = 3;
 /// Frames that are shown in all.
 const OF_ALL: usize = 3;
+/// What differs between pictures is shown so many times as large, about this level.
+const DIFFERENCE: i16 = 4;
+const GREY: i16 = 128;
 /// From here on a picture is the same view of the same thing: marks and compression leave 30 to 50 dB, another camera
 /// less than 25.
 const SAME_VIEW_DB: f64 = 30.0;
@@ -59,7 +62,8 @@ impl Beside {
         let mut renderer = SceneRenderer::new(device, &model.gaussians, &model.motion, model.background)?;
         let mut all = Vec::new();
         for film in films {
-            let wanted = spread((0u64..).zip(&film.shots).collect(), OF_CLIP);
+            let known = (0u64..).zip(&film.shots).filter_map(|(at, shot)| Some((at, (*shot)?)));
+            let wanted = spread(known.collect(), OF_CLIP);
             let (mut number, mut pictures) = (0, Vec::new());
             film.source.for_each(&mut |frame: Frame| {
                 pictures.extend(wanted.iter().any(|(at, _)| *at == number).then_some(frame));
@@ -67,7 +71,7 @@ impl Beside {
                 Ok(())
             })?;
             let mut originals = Vec::new();
-            renderer.render_clips(&[wanted.iter().map(|(_, shot)| **shot).collect()], |_, camera, pixels| {
+            renderer.render_clips(&[wanted.iter().map(|(_, shot)| *shot).collect()], |_, camera, pixels| {
                 originals.push(Frame::from_rgba32f(camera.width, camera.height, pixels)?);
                 Ok(())
             })?;
@@ -80,6 +84,32 @@ impl Beside {
             all.push(numbers.zip(pictures).zip(originals).map(beside).collect());
         }
         Ok(choose(all))
+    }
+
+    /// All in one picture, a row for each: the film, the original, and what differs, four times as much, on grey.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for what is larger than pictures may be, and for nothing.
+    pub fn sheet(all: &[Self]) -> Result<Frame, EngineError> {
+        let height: u32 = all.iter().map(|beside| beside.original.height()).sum();
+        let width = 3 * all.iter().map(|beside| beside.original.width()).max().unwrap_or(0);
+        let row = 3 * width as usize;
+        let mut rgb = Vec::with_capacity(row * height as usize);
+        for Self { film, original } in all {
+            let line = 3 * original.width() as usize;
+            let lines = film.picture.rgb().chunks_exact(line).zip(original.rgb().chunks_exact(line));
+            for (film, original) in lines {
+                let end = rgb.len() + row;
+                let differ = |(film, original): (&u8, &u8)| {
+                    let apart = DIFFERENCE * (i16::from(*film) - i16::from(*original));
+                    u8::try_from((GREY + apart).clamp(0, 255)).unwrap_or(u8::MAX)
+                };
+                rgb.extend(film.iter().chain(original).copied());
+                rgb.extend(film.iter().zip(original).map(differ));
+                rgb.resize(end, 0);
+            }
+        }
+        Frame::new(width, height, rgb)
     }
 
     /// How near both are.

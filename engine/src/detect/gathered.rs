@@ -13,6 +13,7 @@ use crate::fingerprint::estimate::{Estimate, estimate};
 use crate::fingerprint::film::{Exposures, Shot};
 use crate::fingerprint::issue::Issue;
 use crate::fingerprint::seen::Seen;
+use crate::locate::finding::LocateReport;
 use crate::media::{Frame, FrameSource};
 use crate::scene::{Camera, CameraSet, FrameSize, Model};
 
@@ -30,8 +31,8 @@ pub struct KnownFilm<'a> {
     pub path: &'a Path,
     /// Its frames.
     pub source: &'a FrameSource,
-    /// The camera and time of each frame, in its order.
-    pub shots: Vec<(Camera, f32)>,
+    /// The camera and time of each frame, in its order; none of frames that are not read.
+    pub shots: Vec<Option<(Camera, f32)>>,
 }
 
 /// What leaks say of each chip.
@@ -43,6 +44,8 @@ pub struct Gathered {
     pub(super) last: Box<dyn Seen>,
     pub(super) noise: f64,
     pub(super) parts: u32,
+    /// How the cameras of films were found, where nobody gave them.
+    pub located: Vec<LocateReport>,
 }
 
 /// What the chips say that all copies share.
@@ -83,8 +86,8 @@ impl<'a> KnownFilm<'a> {
     pub fn new(path: &'a Path, source: &'a FrameSource, cameras: &CameraSet) -> Result<Self, EngineError> {
         let (width, height) = source.size_px()?;
         let size = FrameSize::new(width, height)?;
-        let mut shots = cameras.clips().concat();
-        for (camera, _) in &mut shots {
+        let mut shots = cameras.film();
+        for (camera, _) in shots.iter_mut().flatten() {
             let stretched = f64::from(width) * f64::from(camera.height) / (f64::from(height) * f64::from(camera.width));
             if (stretched - 1.0).abs() > SHAPE {
                 let got = format!("{}x{} pixels", camera.width, camera.height);
@@ -126,7 +129,8 @@ pub fn gather(
         let mut detail = None;
         film.source.for_each(&mut |frame: Frame| {
             each()?;
-            let &(camera, time) = shots.next().ok_or_else(|| film.wrong_number("more"))?;
+            let shot = shots.next().ok_or_else(|| film.wrong_number("more"))?;
+            let Some((camera, time)) = *shot else { return Ok(()) };
             frames += 1;
             if exposures.pixels() > PIXELS_AT_ONCE {
                 all.add(issue, &mut exposures)?;
@@ -140,7 +144,7 @@ pub fn gather(
     }
     all.add(issue, &mut exposures)?;
     let Parts { chips, noise, count } = all;
-    Ok(Gathered { chips, frames, last: Box::new(exposures), noise, parts: count })
+    Ok(Gathered { chips, frames, last: Box::new(exposures), noise, parts: count, located: Vec::new() })
 }
 
 /// Gathers what a leaked asset says.
@@ -154,7 +158,7 @@ pub fn gather_asset(issue: &Issue<'_>, path: &Path, leaked: &Model) -> Result<Ga
         return Err(bad_data(path, "splats", got, format!("at least {FEWEST_SPLATS}, of this asset")));
     }
     let Estimate { chips, noise } = estimate(issue, &mut found)?;
-    Ok(Gathered { chips, frames: 0, last: Box::new(found), noise, parts: 1 })
+    Ok(Gathered { chips, frames: 0, last: Box::new(found), noise, parts: 1, located: Vec::new() })
 }
 
 /// Estimates of parts of a leak.

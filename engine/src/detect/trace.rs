@@ -8,6 +8,7 @@ use crate::error::EngineError;
 use crate::fingerprint::issue::Issue;
 use crate::fingerprint::power::unspoilt_score;
 use crate::fingerprint::trace::{Decoys, Scored, Scorer};
+use crate::locate::finding::LocateReport;
 use crate::release::ledger::Ledger;
 
 /// A family of false accusations in so many is borne unless something else is asked.
@@ -85,6 +86,9 @@ pub struct Report {
     pub least_expected_score: Option<f64>,
     /// What copies score that were never made.
     pub decoys: Decoys,
+    /// How the cameras of films were found that nobody gave.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub located: Vec<LocateReport>,
 }
 
 /// What is asked.
@@ -140,6 +144,7 @@ pub fn judge(request: &TraceRequest<'_>, gathered: &mut Gathered) -> Result<Repo
         required_score: required,
         least_expected_score: least_expected,
         decoys: scorer.decoys(DECOYS)?,
+        located: gathered.located.clone(),
     })
 }
 

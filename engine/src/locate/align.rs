@@ -5,7 +5,8 @@ use nalgebra::{SMatrix, SVector};
 
 use super::gray::{Gray, correlation};
 use super::pose::{LENS, PARAMETERS, Pose, TIME};
-use super::stage::{MOMENTS, Stage, Survey};
+use super::stage::{Canvas, Drawn, MOMENTS, Stage, Survey};
+use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::scene::FrameSize;
 
@@ -25,6 +26,9 @@ const STILL_PX: f64 = 0.01;
 /// Contrast that a film of the asset may have: less is not of it, or fitted to nothing.
 const LEAST_GAIN: f64 = 0.3;
 const MOST_GAIN: f64 = 3.0;
+/// Width of pictures whose size follows from the scene's, px.
+const LEAST_PX: f64 = 12.0;
+const MOST_PX: f64 = 256.0;
 /// How far lenses stray from what was begun with, as a logarithm: pictures say little of them.
 const LENS_SPREAD: f64 = 0.35;
 /// How much that counts, in pixels that differ by a deviation.
@@ -33,12 +37,35 @@ const LENS_WEIGHT: f64 = 4.0;
 /// Which parameters are free, and how long they may move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plan {
-    /// Pixels across.
-    pub width_px: u32,
+    /// How large the pictures are.
+    pub detail: Detail,
     /// Steps at most.
     pub steps: usize,
     /// Whether the lens is free.
     pub lens: bool,
+    /// Whether the asset is drawn at the film's own size, as the film was; else at twice the size of these pictures.
+    pub as_film: bool,
+}
+
+/// How large pictures are, at most as large as the film's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Detail {
+    /// So many pixels across.
+    Width(u32),
+    /// So large that the scene's radius is so many pixels: what a turn moves is a share of it, and no step finds its
+    /// way home over more than some pixels.
+    Radius(f64),
+}
+
+impl Detail {
+    /// Pixels across for a pose.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some dozens of pixels")]
+    fn width_px(self, pose: &Pose) -> u32 {
+        match self {
+            Self::Width(width_px) => width_px,
+            Self::Radius(px) => (px / pose.size.exp()).round().clamp(LEAST_PX, MOST_PX) as u32,
+        }
+    }
 }
 
 /// A pose and how well it fits.
@@ -50,21 +77,20 @@ pub struct Fit {
     pub cost: f64,
     /// How alike the gradients are, −1 to 1.
     pub correlation: f64,
+    /// How much the picture says of the lens, all else being free: one over its variance; 0 where that was not asked.
+    pub lens_weight: f64,
 }
 
 /// What differs between a film's picture and the asset's.
 struct Compared {
     seen: Survey,
-    /// Film minus asset after the best exposure.
-    residual: Vec<f64>,
-    /// How bright the asset is in the film.
-    gain: f64,
+    left: Difference,
 }
 
 impl Compared {
     /// Beyond which differences count less: where the asset is seen, as most else may be background.
     fn bound(&self) -> f64 {
-        let seen = self.residual.iter().zip(&self.seen.points).filter(|(_, point)| point.is_some());
+        let seen = self.left.residual.iter().zip(&self.seen.points).filter(|(_, point)| point.is_some());
         let mut sizes: Vec<f64> = seen.map(|(r, _)| r.abs()).collect();
         sizes.sort_by(f64::total_cmp);
         let middle = sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
@@ -72,11 +98,11 @@ impl Compared {
     }
 
     fn cost(&self, bound: f64) -> f64 {
-        cost(&self.residual, bound)
+        cost(&self.left.residual, bound)
     }
 
     fn weights(&self, bound: f64) -> Vec<f64> {
-        weights(&self.residual, bound)
+        weights(&self.left.residual, bound)
     }
 }
 
@@ -95,21 +121,21 @@ fn weights(residual: &[f64], bound: f64) -> Vec<f64> {
 /// # Errors
 /// When memory runs out or the device fails.
 pub fn align(stage: &mut Stage, film: &Gray, begun: &Pose, plan: Plan) -> Result<Fit, EngineError> {
-    let target = level(film, plan.width_px);
-    let width = target.width as f64;
+    let target = Target::new(film, plan.detail.width_px(begun), plan.as_film)?;
+    let width = target.picture.width as f64;
     let mut pose = *begun;
-    let mut at = compare(stage, &target, &pose, None)?;
+    let mut at = target.compare(stage, &pose, None)?;
     let mut bound = at.bound();
     let mut slope = Slope::at(stage, &target, &at, &pose, plan)?;
     let (mut damping, mut refused) = (DAMPING, 0);
     for _ in 0..plan.steps {
-        let Some(step) = slope.step(&at, bound, pose.lens - begun.lens, damping) else { break };
+        let Some(step) = slope.normal(&at, bound, pose.lens - begun.lens).step(damping) else { break };
         let moves = step.iter().zip(pose.reach()).map(|(step, reach)| (step * reach * width).powi(2)).sum::<f64>();
         if !moves.is_finite() || moves.sqrt() < STILL_PX {
             break;
         }
         let next = pose.moved(&step);
-        let there = compare(stage, &target, &next, Some(bound))?;
+        let there = target.compare(stage, &next, Some(bound))?;
         if there.cost(bound) < at.cost(bound) {
             (pose, at, damping, refused) = (next, there, damping / HARDER, 0);
             bound = at.bound();
@@ -122,7 +148,9 @@ pub fn align(stage: &mut Stage, film: &Gray, begun: &Pose, plan: Plan) -> Result
             }
         }
     }
-    Ok(Fit { pose, cost: at.cost(bound), correlation: correlation(&target, &at.seen.picture) })
+    let lens_weight = if plan.lens { slope.normal(&at, bound, 0.0).lens_weight() / at.cost(bound) } else { 0.0 };
+    let correlation = correlation(&target.picture, &at.left.shown);
+    Ok(Fit { pose, cost: at.cost(bound), correlation, lens_weight })
 }
 
 /// Moments at which a film's picture is like the asset from a pose, the likeliest first: of those that are kept within
@@ -135,24 +163,21 @@ pub fn moments(
     stage: &mut Stage,
     film: &Gray,
     pose: &Pose,
-    width_px: u32,
+    detail: Detail,
     reach: f64,
 ) -> Result<Vec<Pose>, EngineError> {
     if !stage.moves() {
         return Ok(vec![*pose]);
     }
-    let target = level(film, width_px);
-    let size = size_of(&target)?;
-    let bound = compare(stage, &target, pose, None)?.bound();
+    let target = Target::new(film, detail.width_px(pose), false)?;
+    let bound = target.compare(stage, pose, None)?.bound();
     let mut tried = Vec::new();
     for moment in 0..=MOMENTS {
         let time = f64::from(moment) / f64::from(MOMENTS);
         if (time - pose.time).abs() <= reach {
             let there = Pose { time, ..*pose };
-            tried.push(Tried {
-                cost: cost(&difference(&stage.draw(&there, size)?, &target, Some(bound)).residual, bound),
-                pose: there,
-            });
+            let left = difference(&stage.draw(&there, target.canvas)?, &target.picture, Some(bound));
+            tried.push(Tried { cost: cost(&left.residual, bound), pose: there });
         }
     }
     let beside = |at: Option<usize>| at.and_then(|at| tried.get(at)).map_or(f64::INFINITY, |tried| tried.cost);
@@ -178,18 +203,17 @@ struct Slope {
 
 impl Slope {
     /// By where each pixel's point moves to, and the gradient there; of time, by the difference of two pictures.
-    fn at(stage: &mut Stage, film: &Gray, at: &Compared, pose: &Pose, plan: Plan) -> Result<Self, EngineError> {
-        let Compared { seen, gain, .. } = at;
-        let width = film.width as f64;
+    fn at(stage: &mut Stage, film: &Target, at: &Compared, pose: &Pose, plan: Plan) -> Result<Self, EngineError> {
+        let Compared { seen, left } = at;
+        let width = film.picture.width as f64;
         let mut of = [const { None }; PARAMETERS];
         let known = if plan.lens { TIME } else { LENS };
-        of[..known].fill_with(|| Some(vec![0.0; film.values.len()]));
+        of[..known].fill_with(|| Some(vec![0.0; film.picture.values.len()]));
         // The mean of both gradients: steps are of second order then (Malis 2004).
-        let [own, there] = [&seen.picture, film].map(Gray::slope);
+        let [own, there] = [&left.shown, &film.picture].map(Gray::slope);
         for (pixel, point) in seen.points.iter().enumerate() {
             let Some(flow) = point.and_then(|point| pose.flow(stage.middle(), point)) else { continue };
-            let [right, down] =
-                [0, 1].map(|i| 0.5 * (gain * f64::from(own[i][pixel]) + f64::from(there[i][pixel])) * width);
+            let [right, down] = [0, 1].map(|i| 0.5 * f64::from(own[i][pixel] + there[i][pixel]) * width);
             for (slope, [u, v]) in of.iter_mut().flatten().zip(flow) {
                 slope[pixel] = -(right * u + down * v);
             }
@@ -198,38 +222,81 @@ impl Slope {
             let probe = if pose.time + TIME_PROBE > 1.0 { -TIME_PROBE } else { TIME_PROBE };
             let mut step = [0.0; PARAMETERS];
             step[TIME] = probe;
-            let moved = stage.draw(&pose.moved(&step), size_of(film)?)?;
-            let change = moved.values.iter().zip(&seen.picture.values);
-            of[TIME] = Some(change.map(|(moved, drawn)| gain * f64::from(moved - drawn) / probe).collect());
+            let moved = left.exposure.of(&stage.draw(&pose.moved(&step), film.canvas)?);
+            let change = moved.values.iter().zip(&left.shown.values);
+            of[TIME] = Some(change.map(|(moved, shown)| f64::from(moved - shown) / probe).collect());
         }
         Ok(Self { of })
     }
 
-    /// The damped step; none where nothing moves the picture. `strayed` is how far the lens is from where it began.
-    fn step(&self, at: &Compared, bound: f64, strayed: f64, damping: f64) -> Option<[f64; PARAMETERS]> {
+    /// What a step solves. `strayed` is how far the lens is from where it began.
+    fn normal(&self, at: &Compared, bound: f64, strayed: f64) -> Normal {
         let weights = at.weights(bound);
-        let (mut normal, mut right) = (SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros(), SVector::zeros());
+        let (mut matrix, mut right) = (SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros(), SVector::zeros());
         for (i, a) in self.of.iter().enumerate() {
             let Some(a) = a else {
-                normal[(i, i)] = 1.0;
+                matrix[(i, i)] = 1.0;
                 continue;
             };
-            right[i] = a.iter().zip(&at.residual).zip(&weights).map(|((a, r), w)| w * a * r).sum();
+            right[i] = a.iter().zip(&at.left.residual).zip(&weights).map(|((a, r), w)| w * a * r).sum();
             for (j, b) in self.of.iter().enumerate().take(i + 1) {
                 let Some(b) = b else { continue };
                 let sum: f64 = a.iter().zip(b).zip(&weights).map(|((a, b), w)| w * a * b).sum();
-                (normal[(i, j)], normal[(j, i)]) = (sum, sum);
+                (matrix[(i, j)], matrix[(j, i)]) = (sum, sum);
             }
         }
         if self.of[LENS].is_some() {
             let pull = LENS_WEIGHT * at.cost(bound).max(LEAST_DEVIATION.powi(2)) / LENS_SPREAD.powi(2);
-            normal[(LENS, LENS)] += pull;
+            matrix[(LENS, LENS)] += pull;
             right[LENS] -= pull * strayed;
         }
+        Normal { matrix, right }
+    }
+}
+
+/// The normal equations of a step.
+struct Normal {
+    matrix: SMatrix<f64, PARAMETERS, PARAMETERS>,
+    right: SVector<f64, PARAMETERS>,
+}
+
+impl Normal {
+    /// The damped step; none where nothing moves the picture.
+    fn step(&self, damping: f64) -> Option<[f64; PARAMETERS]> {
+        let mut damped = self.matrix;
         for i in 0..PARAMETERS {
-            normal[(i, i)] += damping * normal[(i, i)] + f64::MIN_POSITIVE;
+            damped[(i, i)] += damping * damped[(i, i)] + f64::MIN_POSITIVE;
         }
-        Some(normal.cholesky()?.solve(&right).into())
+        Some(damped.cholesky()?.solve(&self.right).into())
+    }
+
+    /// What is said of the lens when all else is free (the Schur complement).
+    fn lens_weight(&self) -> f64 {
+        let inverse = self.matrix.cholesky().map(|factor| factor.inverse());
+        inverse.map_or(0.0, |inverse| 1.0 / inverse[(LENS, LENS)])
+    }
+}
+
+/// A film's picture as it is compared.
+struct Target {
+    picture: Gray,
+    canvas: Canvas,
+}
+
+impl Target {
+    /// At so many pixels across, or as it is where that is less.
+    fn new(film: &Gray, width_px: u32, as_film: bool) -> Result<Self, EngineError> {
+        let picture = level(film, width_px);
+        let size = size_of(&picture)?;
+        let canvas = Canvas { size, drawn: as_film.then(|| size_of(film)).transpose()? };
+        Ok(Self { picture, canvas })
+    }
+
+    /// Draws the asset and takes it from the film.
+    fn compare(&self, stage: &mut Stage, pose: &Pose, bound: Option<f64>) -> Result<Compared, EngineError> {
+        let seen = stage.survey(pose, self.canvas)?;
+        let left = difference(&seen.drawn, &self.picture, bound);
+        Ok(Compared { seen, left })
     }
 }
 
@@ -246,43 +313,64 @@ fn size_of(picture: &Gray) -> Result<FrameSize, EngineError> {
     FrameSize::new(width, height)
 }
 
-/// Draws the asset and takes it from the film, by the exposure and contrast that fit best.
-fn compare(stage: &mut Stage, film: &Gray, pose: &Pose, bound: Option<f64>) -> Result<Compared, EngineError> {
-    let seen = stage.survey(pose, size_of(film)?)?;
-    let Difference { residual, gain } = difference(&seen.picture, film, bound);
-    Ok(Compared { seen, residual, gain })
-}
-
-/// What is left of a film's picture after the asset's, and how bright that is in it.
+/// What is left of a film's picture after the asset's as that film would show it.
 struct Difference {
     residual: Vec<f64>,
-    gain: f64,
+    /// The asset with the film's contrast and brightness, over the film's background.
+    shown: Gray,
+    exposure: Exposure,
+}
+
+/// Contrast, how much brighter than in the original the background is, and brightness.
+#[derive(Clone, Copy)]
+struct Exposure([f64; 3]);
+
+impl Exposure {
+    /// The one that fits best, by weighted least squares.
+    fn fitted(drawn: &Drawn, film: &Gray, weights: &[f64]) -> Self {
+        let (mut matrix, mut right) = (SMatrix::<f64, 3, 3>::zeros(), SVector::<f64, 3>::zeros());
+        let pixels = drawn.picture.values.iter().zip(&drawn.clear.values).zip(&film.values).zip(weights);
+        for (((x, clear), y), w) in pixels {
+            let row = SVector::<f64, 3>::new(f64::from(*x), f64::from(*clear), 1.0);
+            matrix += *w * row * row.transpose();
+            right += *w * f64::from(*y) * row;
+        }
+        // As little as rounding: where the background is all or nothing of the picture it says nothing.
+        let little = weights.iter().sum::<f64>() * LEAST_DEVIATION.powi(2);
+        for i in 0..3 {
+            matrix[(i, i)] += little;
+        }
+        // From the original's own exposure.
+        right[0] += little;
+        let Some(factor) = matrix.cholesky() else { return Self([1.0, 0.0, 0.0]) };
+        let [gain, ..]: [f64; 3] = factor.solve(&right).into();
+        let held = gain.clamp(LEAST_GAIN, MOST_GAIN);
+        // The others again for the contrast that is held to.
+        let rest = SMatrix::<f64, 2, 2>::new(matrix[(1, 1)], matrix[(1, 2)], matrix[(2, 1)], matrix[(2, 2)]);
+        let left = SVector::<f64, 2>::new(right[1] - held * matrix[(1, 0)], right[2] - held * matrix[(2, 0)]);
+        let [clear, level] = rest.cholesky().map_or([0.0; 2], |factor| factor.solve(&left).into());
+        Self([held, clear, level])
+    }
+
+    fn of(self, drawn: &Drawn) -> Gray {
+        let [gain, clear, level] = self.0.map(narrow);
+        let pixels = drawn.picture.values.iter().zip(&drawn.clear.values);
+        Gray { values: pixels.map(|(x, there)| gain * x + clear * there + level).collect(), ..drawn.picture.clone() }
+    }
 }
 
 /// Takes the asset's picture from a film's, once with all pixels alike and, with a bound, once with less of those that
 /// fit worst.
-fn difference(picture: &Gray, film: &Gray, bound: Option<f64>) -> Difference {
-    let pairs: Vec<[f64; 2]> =
-        picture.values.iter().zip(&film.values).map(|(x, y)| [f64::from(*x), f64::from(*y)]).collect();
-    let (mut residual, mut gain) = through(&pairs, &vec![1.0; pairs.len()]);
-    if let Some(bound) = bound {
-        (residual, gain) = through(&pairs, &weights(&residual, bound));
+fn difference(drawn: &Drawn, film: &Gray, bound: Option<f64>) -> Difference {
+    let fitted = |weights: &[f64]| {
+        let exposure = Exposure::fitted(drawn, film, weights);
+        let shown = exposure.of(drawn);
+        let residual = film.values.iter().zip(&shown.values).map(|(film, shown)| f64::from(film - shown)).collect();
+        Difference { residual, shown, exposure }
+    };
+    let first = fitted(&vec![1.0; film.values.len()]);
+    match bound {
+        Some(bound) => fitted(&weights(&first.residual, bound)),
+        None => first,
     }
-    Difference { residual, gain }
-}
-
-/// What is left of the second numbers after the best line through the first, and its slope.
-fn through(pairs: &[[f64; 2]], weights: &[f64]) -> (Vec<f64>, f64) {
-    let [mut n, mut sx, mut sy, mut sxx, mut sxy] = [0.0; 5];
-    for ([x, y], w) in pairs.iter().zip(weights) {
-        n += w;
-        sx += w * x;
-        sy += w * y;
-        sxx += w * x * x;
-        sxy += w * x * y;
-    }
-    let (x, y) = (sx / n, sy / n);
-    let variance = sxx / n - x * x;
-    let slope = if variance > f64::EPSILON { ((sxy / n - x * y) / variance).clamp(LEAST_GAIN, MOST_GAIN) } else { 1.0 };
-    (pairs.iter().map(|[a, b]| b - y - slope * (a - x)).collect(), slope)
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::gray::Gray;
 use super::pose::Pose;
-use super::stage::Stage;
+use super::stage::{Canvas, Stage};
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::scene::FrameSize;
@@ -18,8 +18,11 @@ const DIRECTIONS: u32 = 183;
 const ELEVATIONS_DEG: [f64; 2] = [-35.0, 90.0];
 /// Moments of a moving asset.
 const MOMENTS: u32 = 8;
-/// Sides of the small pictures, px: for assets that are small in a frame, and for those that fill it and more.
-const SIDES_PX: [usize; 2] = [24, 48];
+/// Sides of the small pictures, px: for a first look, for assets that are small in a frame, and for those that fill it
+/// and more.
+const SIDES_PX: [usize; 3] = [16, 24, 48];
+/// Views that get more than a first look.
+const LOOKED_AT: usize = 200;
 /// How large an asset is, beside a usual film's, for which the larger ones are taken.
 const LARGE: f64 = 1.0;
 /// How large the asset is beside a usual film's, at least and at most: cameras from 0.6 to 1.7 times the distance, and
@@ -32,11 +35,11 @@ const LEAST_INSIDE: f32 = 0.3;
 /// Directions that are nearer than this count as one guess, as the cosine of some 20 degrees.
 const SAME_VIEW: f64 = 0.94;
 
-/// A view of the asset, in pictures of both sizes.
+/// A view of the asset, in pictures of all sizes.
 #[derive(Clone, Debug)]
 struct Seen {
     pose: Pose,
-    looks: [Look; 2],
+    looks: [Look; SIDES_PX.len()],
 }
 
 /// What a small picture looks like.
@@ -84,7 +87,7 @@ impl Bank {
             let time = f64::from(moment) / f64::from(moments.max(2) - 1);
             for direction in directions() {
                 let Some(pose) = pose_from(stage, direction, time) else { continue };
-                let picture = stage.draw(&pose, size)?;
+                let picture = stage.draw(&pose, Canvas::fine(size))?.picture;
                 let looks = SIDES_PX.map(|side| Look::of(&picture, side));
                 if looks.iter().all(|look| look.energy > f32::EPSILON) {
                     seen.push(Seen { pose, looks });
@@ -97,14 +100,11 @@ impl Bank {
     /// The `count` best guesses at what a frame shows, best first, no two of them of the same view.
     #[must_use]
     pub fn guesses(&self, frame: &Gray, count: usize) -> Vec<Guess> {
-        let pictures = pyramid(frame);
-        let best = |seen: &Seen| {
-            pictures.iter().filter_map(|picture| picture.find(seen)).max_by(|a, b| a.likeness.total_cmp(&b.likeness))
-        };
-        let mut found: Vec<Guess> = self.seen.par_iter().filter_map(best).collect();
-        found.sort_by(|a, b| b.likeness.total_cmp(&a.likeness));
+        let first = Self::ranked(&pyramid(frame, |_| 0), &self.seen.iter().collect::<Vec<_>>());
+        let seen: Vec<&Seen> = first.into_iter().take(LOOKED_AT).map(|found| found.seen).collect();
+        let found = Self::ranked(&pyramid(frame, |size| if size >= LARGE { 2 } else { 1 }), &seen);
         let mut kept: Vec<Guess> = Vec::new();
-        for guess in found {
+        for Found { guess, .. } in found {
             let axis = |guess: &Guess| guess.pose.turn.inverse() * DVec3::Z;
             let is_same = |other: &Guess| {
                 axis(other).dot(axis(&guess)) > SAME_VIEW && (other.pose.time - guess.pose.time).abs() < 0.2
@@ -118,6 +118,24 @@ impl Bank {
         }
         kept
     }
+
+    /// Where each view is most like the frame, the likest first.
+    fn ranked<'a>(pictures: &[Level], seen: &[&'a Seen]) -> Vec<Found<'a>> {
+        let best = |seen: &&'a Seen| {
+            let guesses = pictures.iter().filter_map(|picture| picture.find(seen));
+            let guess = guesses.max_by(|a, b| a.likeness.total_cmp(&b.likeness))?;
+            Some(Found { seen, guess })
+        };
+        let mut found: Vec<Found<'a>> = seen.par_iter().filter_map(best).collect();
+        found.sort_by(|a, b| b.guess.likeness.total_cmp(&a.guess.likeness));
+        found
+    }
+}
+
+/// A view and where it is in a frame.
+struct Found<'a> {
+    seen: &'a Seen,
+    guess: Guess,
 }
 
 /// Directions evenly over the sphere (a spiral of golden angles), z up.
@@ -135,7 +153,7 @@ fn directions() -> impl Iterator<Item = DVec3> {
 
 /// As large as the larger pictures.
 fn drawn_size() -> Result<FrameSize, EngineError> {
-    let side = u32::try_from(SIDES_PX[1]).unwrap_or(u32::MAX);
+    let side = u32::try_from(SIDES_PX[SIDES_PX.len() - 1]).unwrap_or(u32::MAX);
     FrameSize::new(side, side)
 }
 
@@ -159,12 +177,13 @@ struct Level {
     look: usize,
 }
 
-fn pyramid(frame: &Gray) -> Vec<Level> {
+/// A frame at all sizes, and which of the small pictures is for which.
+fn pyramid(frame: &Gray, look_of: impl Fn(f64) -> usize) -> Vec<Level> {
     let mut levels = Vec::new();
     let mut size = SIZES[0];
     while size <= SIZES[1] {
         // An asset that is `size` times the usual one in a frame is as large as in a picture in a frame of this width.
-        let look = usize::from(size >= LARGE);
+        let look = look_of(size);
         let width = SIDES_PX[look] as f64 / size;
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some dozens of pixels")]
         let [across, down] =

@@ -1,187 +1,304 @@
-//! A film from its first frame to its last.
+//! The frames of a film, shot by shot.
+
+use std::ops::Range;
 
 use guard4d_kernels::Device;
 
-use super::align::{Fit, Plan, align, moments};
+use super::align::{Detail, Fit, Plan, align, moments};
 use super::bank::Bank;
 use super::gray::Gray;
-use super::pose::{PARAMETERS, Pose};
+use super::pose::Pose;
+use super::search::{SCANNED, anywhere, with_lens};
+use super::shots::{is_same, shots};
 use super::stage::Stage;
-use crate::base::numbers::narrow;
+use crate::base::observer::{Observer, Progress};
 use crate::error::EngineError;
-use crate::scene::{Camera, FrameSize, Model};
+use crate::scene::Model;
 
-/// Guesses at a frame of which nothing is known.
-const GUESSES: usize = 10;
-/// Those that are worth a closer look, and a second one.
-const CLOSER: [usize; 2] = [4, 2];
-/// Moments of each that are looked at closer.
-const ALIKE: usize = 3;
-/// The lens that a guess is looked at through, as a horizontal field of view, degrees.
-const LENS_DEG: f64 = 45.0;
 /// Likeness from which on a frame is found.
 const FOUND: f64 = 0.6;
 /// Likeness that needs no second look.
 const GOOD: f64 = 0.85;
-/// Likeness of a frame, of its neighbour's, under which it is looked for anew; and how often that is done.
+/// Likeness of a frame, of its shot's, under which it is left out.
+const LEFT_OUT: f64 = 0.75;
+/// Likeness of a frame, of its neighbour's, under which it is looked for anew; how often that is done in any film, and
+/// for how many of its frames.
 const LOST: f64 = 0.8;
-const SEARCHES: u32 = 4;
-/// Frames of which nothing is known that are looked for before the film is given up.
-const TRIES: usize = 5;
-
-/// Width of pictures that moments are looked for in, px, and how far the next frame's may be.
-const SCANNED_PX: u32 = 64;
+const SEARCHES: usize = 4;
+const SEARCHED: usize = 16;
+/// Frames of a shot of which nothing is known that are looked for before it is given up.
+const TRIES: usize = 3;
+/// How far the next frame's moment may be.
 const NEAR: f64 = 0.08;
-/// Steps from coarse to fine for a frame of which nothing is known.
-const COARSE: Plan = Plan { width_px: 48, steps: 8, lens: false };
-const MIDDLE: Plan = Plan { width_px: 96, steps: 10, lens: true };
-const FINE: Plan = Plan { width_px: 192, steps: 8, lens: true };
-/// For one whose neighbour is known.
-const NEXT: Plan = Plan { width_px: 128, steps: 5, lens: false };
-/// For all, from the lens that most have.
-const LAST: Plan = Plan { width_px: 384, steps: 5, lens: true };
+/// Frames of a shot that tell its lens.
+const TELLING: usize = 12;
+/// How far a frame is from between its neighbours to be looked at again: in pixels, and of what is usual.
+const APART_PX: f64 = 2.0;
+const APART_OF_USUAL: f64 = 4.0;
+/// What a pose between the neighbours may cost more than one beside.
+const AS_GOOD: f64 = 1.01;
 
-/// Where a frame was taken.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Located {
-    /// The camera, of the frame's size.
-    pub camera: Camera,
-    /// The moment, 0 to 1.
-    pub time: f32,
-    /// How alike the gradients of frame and asset are, −1 to 1.
-    pub likeness: f64,
+/// Steps for a frame whose neighbour is known.
+const NEXT: Plan = Plan { detail: Detail::Radius(40.0), steps: 5, lens: false, as_film: false };
+/// Steps at the end: for those that tell the lens, and for all.
+const TELL: Plan = Plan { detail: Detail::Width(384), steps: 10, lens: true, as_film: true };
+const LAST: Plan = Plan { detail: Detail::Width(384), steps: 8, lens: false, as_film: true };
+
+/// Where the frames of a film were taken.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Track {
+    /// Of each frame, where it is known.
+    pub frames: Vec<Option<Fit>>,
+    /// The shots that they are of.
+    pub shots: Vec<Range<usize>>,
+    /// Whether the film shows the asset mirrored: poses are those of its frames mirrored back.
+    pub is_mirrored: bool,
+    /// The best that was seen where nothing was found.
+    pub guess: Option<Pose>,
 }
 
-/// What watches.
-pub type Watch<'a> = dyn FnMut(u64, u64) -> Result<(), EngineError> + 'a;
-
-/// Finds the cameras of frames in sequence; none where the asset is not found in them. `watch` is told of work done and
-/// of all there is.
-///
-/// # Errors
-/// When memory runs out, the device fails, or `watch` does.
-pub fn locate(
-    device: &Device,
-    model: &Model,
-    frames: &[Gray],
-    watch: &mut Watch<'_>,
-) -> Result<Option<Vec<Located>>, EngineError> {
-    let mut stage = Stage::new(device, model)?;
-    let bank = Bank::new(&mut stage)?;
-    let total = 2 * frames.len() as u64;
-    let mut fits: Vec<Option<Fit>> = vec![None; frames.len()];
-    let Some(start) = first(&mut stage, &bank, frames, &mut fits)? else { return Ok(None) };
-    let (mut done, mut searches) = (1, SEARCHES);
-    let forward: Vec<usize> = (start + 1..frames.len()).collect();
-    let backward: Vec<usize> = (0..start).rev().collect();
-    for way in [forward, backward] {
-        let mut before = [fits[start], None];
-        for at in way {
-            watch(done, total)?;
-            let fit = next(&mut stage, &bank, &frames[at], before, &mut searches)?;
-            fits[at] = Some(fit);
-            before = [Some(fit), before[0]];
-            done += 1;
-        }
+impl Track {
+    /// Whether anything was found.
+    #[must_use]
+    pub fn is_found(&self) -> bool {
+        self.frames.iter().any(Option::is_some)
     }
-    let fits: Vec<Fit> = fits.into_iter().flatten().collect();
-    stage.set_rough(false);
-    let lens = median(fits.iter().map(|fit| fit.pose.lens));
-    let mut located = Vec::new();
-    for (frame, fit) in frames.iter().zip(&fits) {
-        watch(done, total)?;
-        done += 1;
-        let Fit { pose, correlation, .. } = align(&mut stage, frame, &with_lens(fit.pose, lens), LAST)?;
-        let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
-        let camera = pose.camera(stage.middle(), FrameSize::new(side(frame.width), side(frame.height))?);
-        located.push(Located { camera, time: narrow(pose.time), likeness: correlation });
-    }
-    let is_found = median(located.iter().map(|located| located.likeness)) >= FOUND;
-    Ok(is_found.then_some(located))
 }
 
-/// Looks for the asset in a few frames until it is found in one.
-fn first(
-    stage: &mut Stage,
-    bank: &Bank,
-    frames: &[Gray],
-    fits: &mut [Option<Fit>],
-) -> Result<Option<usize>, EngineError> {
-    let mut best: Option<usize> = None;
-    for number in 0..TRIES.min(frames.len()) {
-        let at = (2 * number + 1) * frames.len() / (2 * TRIES.min(frames.len()));
-        let fit = anywhere(stage, bank, &frames[at])?;
-        fits[at] = fit;
-        let likeness = |at: usize| fits[at].map_or(f64::NEG_INFINITY, |fit| fit.correlation);
-        if best.is_none_or(|best| likeness(at) > likeness(best)) {
-            best = Some(at);
-        }
-        if likeness(at) >= GOOD {
-            break;
-        }
-    }
-    Ok(best.filter(|at| fits[*at].is_some_and(|fit| fit.correlation >= FOUND)))
+/// The asset, and small pictures of it to look for.
+#[derive(Debug)]
+pub struct Locator {
+    stage: Stage,
+    bank: Bank,
 }
 
-/// A frame of which nothing is known.
-fn anywhere(stage: &mut Stage, bank: &Bank, frame: &Gray) -> Result<Option<Fit>, EngineError> {
-    let mut fits = Vec::new();
-    for guess in bank.guesses(frame, GUESSES) {
-        let lens = -(2.0 * (LENS_DEG.to_radians() / 2.0).tan()).ln();
-        fits.push(align(stage, frame, &with_lens(guess.pose, lens), COARSE)?);
+impl Locator {
+    /// Of an unmarked asset.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub fn new(device: &Device, model: &Model) -> Result<Self, EngineError> {
+        let mut stage = Stage::new(device, model)?;
+        let bank = Bank::new(&mut stage)?;
+        Ok(Self { stage, bank })
     }
-    for (count, plan) in CLOSER.into_iter().zip([MIDDLE, FINE]) {
-        fits.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        fits.truncate(count);
-        let mut closer = Vec::new();
-        for fit in &fits {
-            for pose in moments(stage, frame, &fit.pose, SCANNED_PX, 1.0)?.iter().take(ALIKE) {
-                closer.push(align(stage, frame, pose, plan)?);
+
+    /// The asset.
+    #[must_use]
+    pub fn stage(&self) -> &Stage {
+        &self.stage
+    }
+
+    /// Finds where frames in sequence were taken.
+    ///
+    /// # Errors
+    /// When memory runs out, the device fails, or the observer stops the work.
+    pub fn locate(&mut self, frames: &[Gray], observer: &mut dyn Observer) -> Result<Track, EngineError> {
+        let shots = shots(frames);
+        let mut work = Work { done: 0, total: 2 * frames.len() as u64, observer };
+        let Some(longest) = (0..shots.len()).max_by_key(|shot| shots[*shot].len()) else { return Ok(Track::default()) };
+        let mut begun = self.first(&frames[shots[longest].clone()], &mut work)?;
+        let mut turned = None;
+        if begun.is_none_or(|begun| begun.fit.correlation < GOOD) {
+            // An asset that is much like its mirror image may be found in either.
+            let mirrored: Vec<Gray> = frames.iter().map(Gray::mirrored).collect();
+            let other = self.first(&mirrored[shots[longest].clone()], &mut work)?;
+            let likeness = |begun: Option<Begun>| begun.map_or(f64::NEG_INFINITY, |begun| begun.fit.correlation);
+            if likeness(other) > likeness(begun) {
+                (begun, turned) = (other, Some(mirrored));
             }
         }
-        fits = closer;
+        let guess = begun.map(|begun| begun.fit.pose);
+        let is_mirrored = turned.is_some();
+        let frames = turned.as_deref().unwrap_or(frames);
+        let mut fits = Vec::new();
+        let mut searches = SEARCHES + frames.len() / SEARCHED;
+        for (number, shot) in shots.iter().enumerate() {
+            self.stage.set_rough(true);
+            let done = work.done + 2 * shot.len() as u64;
+            let begun = if number == longest { begun } else { self.first(&frames[shot.clone()], &mut work)? };
+            fits.extend(match begun.filter(|begun| begun.fit.correlation >= FOUND) {
+                Some(begun) => self.shot(&frames[shot.clone()], begun, &mut searches, &mut work)?,
+                None => vec![None; shot.len()],
+            });
+            work.done = done;
+        }
+        Ok(Track { frames: fits, shots, is_mirrored, guess })
     }
-    Ok(fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)))
+
+    fn shot(
+        &mut self,
+        frames: &[Gray],
+        begun: Begun,
+        searches: &mut usize,
+        work: &mut Work<'_>,
+    ) -> Result<Vec<Option<Fit>>, EngineError> {
+        let mut fits: Vec<Option<Fit>> = vec![None; frames.len()];
+        fits[begun.frame] = Some(begun.fit);
+        let forward: Vec<usize> = (begun.frame + 1..frames.len()).collect();
+        let backward: Vec<usize> = (0..begun.frame).rev().collect();
+        for way in [forward, backward] {
+            let (mut last, mut earlier, mut before) = (begun.fit, None, begun.frame);
+            for at in way {
+                work.one("frames found")?;
+                let fit = match is_same(&frames[at], &frames[before]) {
+                    true => last,
+                    false => self.next(&frames[at], last, earlier, searches)?,
+                };
+                fits[at] = Some(fit);
+                (earlier, last, before) = (Some(last), fit, at);
+            }
+        }
+        let mut fits: Vec<Fit> = fits.into_iter().flatten().collect();
+        self.stage.set_rough(false);
+        self.settle(frames, &mut fits, work)?;
+        let usual = median(fits.iter().map(|fit| fit.correlation));
+        let is_sure = |fit: &Fit| usual >= FOUND && fit.correlation >= LEFT_OUT * usual;
+        Ok(fits.into_iter().map(|fit| is_sure(&fit).then_some(fit)).collect())
+    }
+
+    /// Looks for the asset in a few frames until it is found in one; where it is most like it.
+    fn first(&mut self, frames: &[Gray], work: &mut Work<'_>) -> Result<Option<Begun>, EngineError> {
+        let mut best: Option<Begun> = None;
+        let tries = TRIES.min(frames.len());
+        for number in 0..tries {
+            work.look("looking for the asset")?;
+            let frame = (2 * number + 1) * frames.len() / (2 * tries);
+            let Some(fit) = anywhere(&mut self.stage, &self.bank, &frames[frame])? else { continue };
+            if best.is_none_or(|best| fit.correlation > best.fit.correlation) {
+                best = Some(Begun { frame, fit });
+            }
+            if fit.correlation >= GOOD {
+                break;
+            }
+        }
+        Ok(best)
+    }
+
+    /// A frame beside one that is known: from there, from where the last step leads, or from anywhere if it is not
+    /// there.
+    fn next(
+        &mut self,
+        frame: &Gray,
+        last: Fit,
+        earlier: Option<Fit>,
+        searches: &mut usize,
+    ) -> Result<Fit, EngineError> {
+        let stage = &mut self.stage;
+        let mut follow = |begun: Pose| -> Result<Fit, EngineError> {
+            let pose = moments(stage, frame, &begun, SCANNED, NEAR)?.first().copied().unwrap_or(begun);
+            align(stage, frame, &pose, NEXT)
+        };
+        let ahead = earlier.map_or(last.pose, |earlier| last.pose.moved(&last.pose.since(&earlier.pose)));
+        let mut best = follow(ahead)?;
+        if best.correlation < 0.9 * last.correlation && earlier.is_some() {
+            let beside = follow(last.pose)?;
+            best = if beside.correlation > best.correlation { beside } else { best };
+        }
+        if best.correlation >= FOUND.max(LOST * last.correlation) || *searches == 0 {
+            return Ok(best);
+        }
+        *searches -= 1;
+        let anew = anywhere(stage, &self.bank, frame)?;
+        Ok(anew.filter(|fit| fit.correlation > best.correlation).unwrap_or(best))
+    }
+
+    /// Brings all frames of a shot to where they fit best with one lens, and beside each other.
+    fn settle(&mut self, frames: &[Gray], fits: &mut [Fit], work: &mut Work<'_>) -> Result<(), EngineError> {
+        let stage = &mut self.stage;
+        let usual = median(fits.iter().map(|fit| fit.pose.lens));
+        let telling = TELLING.min(frames.len());
+        let mut lenses = Vec::new();
+        for number in 0..telling {
+            work.look("the lens")?;
+            let at = (2 * number + 1) * frames.len() / (2 * telling);
+            let fit = align(stage, &frames[at], &with_lens(fits[at].pose, usual), TELL)?;
+            lenses.push(Weighed { value: fit.pose.lens, weight: fit.lens_weight });
+        }
+        let lens = weighted_median(lenses).unwrap_or(usual);
+        for at in 0..frames.len() {
+            work.one("cameras refined")?;
+            if at > 0 && is_same(&frames[at], &frames[at - 1]) {
+                fits[at] = fits[at - 1];
+            } else {
+                fits[at] = align(stage, &frames[at], &with_lens(fits[at].pose, lens), LAST)?;
+            }
+        }
+        // Those that are beside the way are looked at again from where it leads.
+        let width = frames.first().map_or(0.0, |frame| frame.width as f64);
+        let between = |fits: &[Fit], at: usize| {
+            let [before, behind] = [fits[at - 1].pose, fits[at + 1].pose];
+            before.moved(&behind.since(&before).map(|step| 0.5 * step))
+        };
+        let inner = 1..frames.len().saturating_sub(1).max(1);
+        let apart: Vec<f64> =
+            inner.clone().map(|at| apart_px(&fits[at].pose, &between(fits, at), width)).collect();
+        let limit = APART_PX.max(APART_OF_USUAL * median(apart.iter().copied()));
+        for at in inner.filter(|at| apart[at - 1] > limit) {
+            work.look("frames beside the way")?;
+            let fit = align(stage, &frames[at], &between(fits, at), LAST)?;
+            if fit.cost <= AS_GOOD * fits[at].cost {
+                fits[at] = fit;
+            }
+        }
+        Ok(())
+    }
 }
 
-/// A frame beside one that is known: from there, from where the last step leads, or from anywhere if it is not there.
-fn next(
-    stage: &mut Stage,
-    bank: &Bank,
-    frame: &Gray,
-    before: [Option<Fit>; 2],
-    searches: &mut u32,
-) -> Result<Fit, EngineError> {
-    let [Some(last), earlier] = before else { unreachable!("the way begins at a frame that is known") };
-    let ahead = earlier.map(|earlier| last.pose.moved(&last.pose.since(&earlier.pose)));
-    let mut best: Option<Fit> = None;
-    for begun in ahead.into_iter().chain([last.pose]) {
-        let pose = moments(stage, frame, &begun, SCANNED_PX, NEAR)?.first().copied().unwrap_or(begun);
-        let fit = align(stage, frame, &pose, NEXT)?;
-        if best.is_none_or(|best| fit.correlation > best.correlation) {
-            best = Some(fit);
-        }
-        if fit.correlation >= 0.9 * last.correlation {
-            break;
-        }
-    }
-    let best = best.expect("it began somewhere");
-    if best.correlation >= FOUND.max(LOST * last.correlation) || *searches == 0 {
-        return Ok(best);
-    }
-    *searches -= 1;
-    Ok(anywhere(stage, bank, frame)?.filter(|fit| fit.correlation > best.correlation).unwrap_or(best))
+/// Roughly how far two poses' pictures are apart, px of a picture of this width.
+#[must_use]
+pub fn apart_px(a: &Pose, b: &Pose, width: f64) -> f64 {
+    let steps = a.since(b).into_iter().zip(b.reach());
+    width * steps.map(|(step, reach)| (step * reach).powi(2)).sum::<f64>().sqrt()
 }
 
-/// The same picture through another lens: as large, from another distance.
-fn with_lens(pose: Pose, lens: f64) -> Pose {
-    let mut step = [0.0; PARAMETERS];
-    step[super::pose::LENS] = lens - pose.lens;
-    pose.moved(&step)
+/// A frame that is found.
+#[derive(Clone, Copy)]
+struct Begun {
+    frame: usize,
+    fit: Fit,
+}
+
+/// How far the work is, and who is told.
+struct Work<'a> {
+    done: u64,
+    total: u64,
+    observer: &'a mut dyn Observer,
+}
+
+impl Work<'_> {
+    /// Tells what is done next.
+    fn look(&mut self, stage: &str) -> Result<(), EngineError> {
+        self.observer.observe(Progress { stage, done: self.done, total: Some(self.total) })
+    }
+
+    /// Tells the same, of one of all frames' two rounds.
+    fn one(&mut self, stage: &str) -> Result<(), EngineError> {
+        self.done += 1;
+        self.look(stage)
+    }
+}
+
+/// A number and how much it counts.
+#[derive(Clone, Copy)]
+struct Weighed {
+    value: f64,
+    weight: f64,
+}
+
+/// The number on both sides of which there is as much weight; none where there is none.
+fn weighted_median(mut numbers: Vec<Weighed>) -> Option<f64> {
+    numbers.sort_by(|a, b| a.value.total_cmp(&b.value));
+    let half = 0.5 * numbers.iter().map(|number| number.weight).sum::<f64>();
+    let mut sum = 0.0;
+    numbers.into_iter().find_map(|Weighed { value, weight }| {
+        sum += weight;
+        (weight > 0.0 && sum >= half).then_some(value)
+    })
 }
 
 /// The middle one; 0 of none.
-fn median(numbers: impl Iterator<Item = f64>) -> f64 {
+pub(super) fn median(numbers: impl Iterator<Item = f64>) -> f64 {
     let mut numbers: Vec<f64> = numbers.collect();
     numbers.sort_by(f64::total_cmp);
     numbers.get(numbers.len() / 2).copied().unwrap_or(0.0)

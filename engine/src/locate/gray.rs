@@ -1,6 +1,7 @@
 //! Pictures in one channel, as they are compared.
 
 use crate::media::Frame;
+use crate::media::framing::Rect;
 
 /// Luma of ITU-R BT.601.
 const LUMA: [f32; 3] = [0.299, 0.587, 0.114];
@@ -30,6 +31,34 @@ impl Gray {
     pub fn of_pixels(width: usize, height: usize, pixels: &[f32]) -> Self {
         let luma = |rgba: &[f32]| LUMA.iter().zip(rgba).map(|(w, value)| w * value.clamp(0.0, 1.0)).sum();
         Self { width, height, values: pixels.chunks_exact(4).map(luma).collect() }
+    }
+
+    /// Left and right exchanged.
+    #[must_use]
+    pub fn mirrored(&self) -> Self {
+        let values = self.values.chunks_exact(self.width).flat_map(|row| row.iter().rev()).copied().collect();
+        Self { values, ..*self }
+    }
+
+    /// The part of the picture that `rect` names, which is inside.
+    #[must_use]
+    pub fn cut(&self, rect: Rect) -> Self {
+        let [x, y, width, height] = [rect.x, rect.y, rect.width, rect.height].map(|side| side as usize);
+        let rows = self.values.chunks_exact(self.width).skip(y).take(height);
+        Self { width, height, values: rows.flat_map(|row| &row[x..x + width]).copied().collect() }
+    }
+
+    /// The picture with sides of at most so many pixels.
+    #[must_use]
+    pub fn within(self, longest_px: u32) -> Self {
+        let scale = f64::from(longest_px) / self.width.max(self.height) as f64;
+        if scale >= 1.0 {
+            return self;
+        }
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a side, at most `longest_px`")]
+        let [width, height] =
+            [self.width, self.height].map(|side| (side as f64 * scale).round().max(1.0) as usize);
+        self.resized(width, height)
     }
 
     /// The picture at another size, each pixel the mean of what it covers.

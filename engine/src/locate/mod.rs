@@ -3,7 +3,12 @@
 
 pub mod align;
 pub mod bank;
+pub mod cameras;
 pub mod film;
+pub mod finding;
 pub mod gray;
 pub mod pose;
+pub mod reading;
+pub mod search;
+pub mod shots;
 pub mod stage;

@@ -15,7 +15,8 @@ use crate::scene::camera::paths::USUAL_FOV_X_RAD;
 use crate::scene::gaussians::{SH_FLOATS, Y0};
 use crate::scene::{FrameSize, Gaussians, LookAt, Model};
 
-/// Pictures are drawn so many times as large along a side, and made smaller: a splat is drawn no narrower than a pixel.
+/// Small pictures are drawn so many times as large along a side, and made smaller: a splat is drawn no narrower than a
+/// pixel, which is little of a film's picture and much of a small one.
 const FINER: u32 = 2;
 
 /// Moments that are kept, and two more.
@@ -96,23 +97,23 @@ impl Stage {
     ///
     /// # Errors
     /// When memory runs out or the device fails.
-    pub fn draw(&mut self, pose: &Pose, size: FrameSize) -> Result<Gray, EngineError> {
-        let finer = FrameSize::new(FINER * size.width(), FINER * size.height())?;
-        let plan = self.plan(pose, finer)?;
+    pub fn draw(&mut self, pose: &Pose, canvas: Canvas) -> Result<Drawn, EngineError> {
+        let drawn_at = canvas.drawn_at()?;
+        let plan = self.plan(pose, drawn_at)?;
         let mut rec = self.device.recorder()?;
         let mut pixels = self.device.buffer("locate.frame", plan.frame_len())?;
         self.renderer.forward(&mut rec, &plan, None, self.background, FrameMut { clip: &mut pixels, index: 0 })?;
         rec.submit()?;
-        Ok(as_films(&pixels.read()?, finer, size))
+        Ok(Drawn::of(&pixels.read()?, drawn_at, canvas.size))
     }
 
     /// The same, and the points that are seen.
     ///
     /// # Errors
     /// When memory runs out or the device fails.
-    pub fn survey(&mut self, pose: &Pose, size: FrameSize) -> Result<Survey, EngineError> {
-        let finer = FrameSize::new(FINER * size.width(), FINER * size.height())?;
-        let plan = self.plan(pose, finer)?;
+    pub fn survey(&mut self, pose: &Pose, canvas: Canvas) -> Result<Survey, EngineError> {
+        let (drawn_at, size) = (canvas.drawn_at()?, canvas.size);
+        let plan = self.plan(pose, drawn_at)?;
         let mut rec = self.device.recorder()?;
         let [mut pixels, mut places] = [
             self.device.buffer("locate.frame", plan.frame_len())?,
@@ -122,20 +123,24 @@ impl Stage {
         let offsets = Some(Offsets { data: &self.as_places, bases: OffsetBases::All });
         self.renderer.forward(&mut rec, &plan, offsets, [0.0; 3], FrameMut { clip: &mut places, index: 0 })?;
         rec.submit()?;
-        let picture = as_films(&pixels.read()?, finer, size);
-        let (across, width) = (finer.width() as usize, size.width() as usize);
+        let drawn = Drawn::of(&pixels.read()?, drawn_at, size);
+        // Sums where several drawn pixels are one of the picture, which are as many for all but at the borders.
+        let (across, width) = (drawn_at.width() as usize, size.width() as usize);
+        let [x_of, y_of] = [(drawn_at.width(), size.width()), (drawn_at.height(), size.height())]
+            .map(|(from, to)| move |at: usize| at * to as usize / from as usize);
         let mut sums = vec![[0.0f64; 4]; width * size.height() as usize];
         for (at, pixel) in places.read()?.chunks_exact(4).enumerate() {
-            let to = (at / across / FINER as usize) * width + at % across / FINER as usize;
             let covered = 1.0 - f64::from(pixel[3]);
             let place = [pixel[0], pixel[1], pixel[2]].map(f64::from);
-            sums[to].iter_mut().zip(place.into_iter().chain([covered])).for_each(|(sum, value)| *sum += value);
+            let sums = &mut sums[y_of(at / across) * width + x_of(at % across)];
+            sums.iter_mut().zip(place.into_iter().chain([covered])).for_each(|(sum, value)| *sum += value);
         }
-        let enough = COVERED * f64::from(FINER * FINER);
+        let area = |size: FrameSize| f64::from(size.width()) * f64::from(size.height());
+        let enough = COVERED * area(drawn_at) / area(size);
         let point = |[x, y, z, covered]: [f64; 4]| {
             (covered >= enough).then(|| self.places.point(DVec3::new(x, y, z) / covered))
         };
-        Ok(Survey { picture, points: sums.into_iter().map(point).collect() })
+        Ok(Survey { drawn, points: sums.into_iter().map(point).collect() })
     }
 
     fn plan(&mut self, pose: &Pose, size: FrameSize) -> Result<FramePlan, EngineError> {
@@ -148,11 +153,51 @@ fn middle(look_at: LookAt) -> Middle {
     Middle { point: look_at.target, radius: look_at.radius * (USUAL_FOV_X_RAD / 2.0).tan() }
 }
 
+/// How a picture is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Canvas {
+    /// What it is.
+    pub size: FrameSize,
+    /// What it is drawn at, if not finer than it is.
+    pub drawn: Option<FrameSize>,
+}
+
+impl Canvas {
+    /// Drawn finer than it is.
+    #[must_use]
+    pub fn fine(size: FrameSize) -> Self {
+        Self { size, drawn: None }
+    }
+
+    fn drawn_at(self) -> Result<FrameSize, EngineError> {
+        self.drawn.map_or_else(|| FrameSize::new(FINER * self.size.width(), FINER * self.size.height()), Ok)
+    }
+}
+
+/// A picture of the asset.
+#[derive(Clone, Debug)]
+pub struct Drawn {
+    /// Over the asset's own background.
+    pub picture: Gray,
+    /// How much of that is seen, 0 to 1.
+    pub clear: Gray,
+}
+
+impl Drawn {
+    fn of(pixels: &[f32], drawn: FrameSize, size: FrameSize) -> Self {
+        let [across, down] = [drawn.width() as usize, drawn.height() as usize];
+        let clear = Gray { width: across, height: down, values: pixels.chunks_exact(4).map(|rgba| rgba[3]).collect() };
+        let [picture, clear] = [Gray::of_pixels(across, down, pixels), clear]
+            .map(|picture| picture.resized(size.width() as usize, size.height() as usize));
+        Self { picture, clear }
+    }
+}
+
 /// A picture and what it shows.
 #[derive(Clone, Debug)]
 pub struct Survey {
     /// The picture.
-    pub picture: Gray,
+    pub drawn: Drawn,
     /// For each pixel the point that it shows, where it shows enough of the asset: of moving splats, where they are in
     /// the file.
     pub points: Vec<Option<DVec3>>,
@@ -189,10 +234,4 @@ impl Places {
         }
         offsets
     }
-}
-
-/// Rendered pixels as a film of another size shows them.
-fn as_films(pixels: &[f32], drawn: FrameSize, size: FrameSize) -> Gray {
-    let picture = Gray::of_pixels(drawn.width() as usize, drawn.height() as usize, pixels);
-    picture.resized(size.width() as usize, size.height() as usize)
 }

@@ -11,7 +11,7 @@ fn camera(number: f32) -> Camera {
 }
 
 fn view(number: f32, times: &[f32]) -> View {
-    View { name: format!("view {number}"), camera: camera(number), times: times.to_vec() }
+    View { name: format!("view {number}"), camera: camera(number), times: times.to_vec(), located: true }
 }
 
 fn clips(views: &[View]) -> Vec<Vec<(f32, f32)>> {

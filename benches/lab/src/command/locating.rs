@@ -2,14 +2,20 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use guard4d_engine::base::ledger::Ledger;
+use guard4d_engine::base::prf::{MasterSecret, Prf};
 use guard4d_engine::error::EngineError;
+use guard4d_engine::fingerprint::fidelity::{DEFAULT_PSNR_DB, strength_for};
+use guard4d_engine::fingerprint::issue::Issue;
+use guard4d_engine::locate::film::Locator;
 use guard4d_engine::scene::Model;
 
 use super::host::Host;
+use crate::locating::attack::Attack;
 use crate::locating::film::shots;
-use crate::locating::measure::{self, LocatedRow};
+use crate::locating::measure::{self, Case, LocatedRow};
+use crate::tracing::leak::Leak;
 
 /// What is filmed, and where readings go.
 #[derive(Args, Debug)]
@@ -20,6 +26,12 @@ pub(super) struct LocatingArgs {
     /// Films of each, drawn at random
     #[arg(long, value_name = "N", default_value_t = 30)]
     films: u64,
+    /// Number of the first
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    first: u64,
+    /// What is done to them
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "none")]
+    attack: Vec<Attack>,
     /// Look for another asset in them, which must not be found
     #[arg(long, value_name = "MODEL")]
     other: Option<PathBuf>,
@@ -40,23 +52,36 @@ pub(super) fn run(args: &LocatingArgs, host: &dyn Host) -> Result<(), EngineErro
     for path in &args.models {
         let model = Model::open_in_kind(path)?;
         let asset = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        for number in 0..args.films {
+        let prf = Prf::new(&MasterSecret::from_bytes([1; 32]));
+        let mut issue = Issue::new(&model, prf.clone(), 1.0);
+        let strength = strength_for(&device, Issue::new(&model, prf, 1.0), DEFAULT_PSNR_DB)?;
+        issue = issue.with_strength(strength);
+        let leaked = Leak::Copy.gaussians(&issue);
+        let mut locator = Locator::new(&device, other.as_ref().unwrap_or(&model))?;
+        for (number, attack) in (0..args.films).flat_map(|film| args.attack.iter().map(move |attack| (film, *attack))) {
             if host.is_stopped() {
                 return Err(EngineError::Stopped);
             }
-            if table.newest(|row| row.asset == asset && row.film == number).is_some() {
+            let of = attack.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default();
+            let number = args.first + number;
+            if table.newest(|row| row.asset == asset && row.film == number && row.attack == of).is_some() {
                 continue;
             }
             let shots = shots(&model, number, args.frames)?;
-            let row = measure::film(&device, &model, other.as_ref().unwrap_or(&model), &shots, folder.path())?;
-            let row = LocatedRow { asset: asset.clone(), film: number, ..row };
+            let case = Case { device: &device, issue: &issue, leaked: &leaked, attack };
+            let row = measure::film(&case, &mut locator, &shots, folder.path())?;
+            let row = LocatedRow { asset: asset.clone(), film: number, attack: of, ..row };
             host.note(&format!(
-                "{asset} {number}: found {}, {:.2} px, {:.4} of the motion, {:.0} % near, likeness {:.2}, {:.0} s",
+                "{asset} {number} {}: found {}, {:.2} px, {:.4} of the motion, {:.0} % near, likeness {:.2}, T {:.1} of \
+                 {:.1}, {:.0} s",
+                row.attack,
                 row.found,
                 row.error_px,
                 row.error_time,
                 100.0 * row.near,
                 row.likeness,
+                row.t,
+                row.t_true,
                 row.seconds
             ));
             table.append(vec![row])?;

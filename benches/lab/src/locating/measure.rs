@@ -1,21 +1,26 @@
 //! One film, located: how far off that is.
 
+use std::num::NonZeroU32;
 use std::path::Path;
 use std::time::Instant;
 
+use guard4d_engine::base::observer::Unobserved;
 use guard4d_engine::error::EngineError;
-use guard4d_engine::locate::film::{Located, locate};
-use guard4d_engine::locate::gray::Gray;
-use guard4d_engine::media::codec::Codec;
-use guard4d_engine::media::encode::{EncodeOptions, write_video};
-use guard4d_engine::media::{Frame, ReadOptions, read_clip};
+use guard4d_engine::fingerprint::issue::Issue;
+use guard4d_engine::locate::film::Locator;
+use guard4d_engine::locate::reading::Reading;
+use guard4d_engine::media::{Frame, ReadOptions};
 use guard4d_engine::render::SceneRenderer;
 use guard4d_engine::render::deform::DeformField;
-use guard4d_engine::scene::{Camera, Model};
+use guard4d_engine::scene::{Camera, Gaussians};
 use guard4d_kernels::Device;
 use serde::{Deserialize, Serialize};
 
+use super::attack::Attack;
 use super::film::{Shots, seen};
+use crate::tracing::film::Spoilt;
+use crate::tracing::leak::LEAKED;
+use crate::tracing::measure;
 
 /// Errors up to which a frame counts as found, px and of the motion.
 const NEAR_PX: f64 = 0.5;
@@ -30,6 +35,8 @@ pub struct LocatedRow {
     pub asset: String,
     /// Number of the film.
     pub film: u64,
+    /// What was done to it.
+    pub attack: String,
     /// Width and height, px.
     pub width: u32,
     /// See `width`.
@@ -48,62 +55,96 @@ pub struct LocatedRow {
     pub near_time: f64,
     /// Median likeness of gradients.
     pub likeness: f64,
+    /// Frames that are said to be known.
+    pub known: usize,
+    /// Score of the copy by the true cameras, deviations.
+    pub t_true: f64,
+    /// By those that were found.
+    pub t: f64,
+    /// Whether it is named among a million by those.
+    pub named: usize,
+    /// Of 20,000 others, how many are.
+    pub wrong: usize,
     /// To locate it, seconds.
     pub seconds: f64,
 }
 
-/// Films a model, encodes the film, and locates it in an original.
+/// What is filmed, and what it is looked for in.
+#[derive(Debug)]
+pub struct Case<'a> {
+    /// Device.
+    pub device: &'a Device,
+    /// The issue of the asset that is filmed.
+    pub issue: &'a Issue<'a>,
+    /// Base colours of the copy that leaks.
+    pub leaked: &'a Gaussians,
+    /// What is done to the film.
+    pub attack: Attack,
+}
+
+/// Films a copy, encodes the film, locates it, and traces it by the cameras that are found and by the true ones.
 ///
 /// # Errors
 /// When the device or ffmpeg fails.
 pub fn film(
-    device: &Device,
-    shown: &Model,
-    original: &Model,
+    case: &Case<'_>,
+    locator: &mut Locator,
     shots: &Shots,
     folder: &Path,
 ) -> Result<LocatedRow, EngineError> {
+    let Case { device, issue, attack, .. } = *case;
+    let spoilt = attack.apply(draw(case, shots)?, shots, folder)?;
     let path = folder.join("film.mkv");
-    let _ = std::fs::remove_file(&path);
-    let options = EncodeOptions { codec: Some(Codec::H264), crf: Some(23), ..EncodeOptions::default() };
-    write_video(&path, &draw(device, shown, shots)?, &options)?;
-    let frames: Vec<Gray> = read_clip(&path, &ReadOptions::default())?.frames().iter().map(Gray::of_frame).collect();
     let started = Instant::now();
-    let located = locate(device, original, &frames, &mut |_, _| Ok(()))?;
-    let seconds = started.elapsed().as_secs_f64();
-    let (camera, _) = shots[0];
+    let reading = Reading::of(&path, &ReadOptions::default(), NonZeroU32::MAX, &mut || Ok(()))?;
+    let track = locator.locate(&reading.pictures, &mut Unobserved)?;
+    let (first, _) = spoilt.shots[0];
     let row = LocatedRow {
-        width: camera.width,
-        height: camera.height,
-        frames: frames.len(),
-        seconds,
+        width: first.width,
+        height: first.height,
+        frames: reading.frames,
+        seconds: started.elapsed().as_secs_f64(),
         ..LocatedRow::default()
     };
-    match located {
-        None => Ok(row),
-        Some(located) => compare(device, original, shots, &located, row),
-    }
+    let cameras = track.cameras(&reading, locator.stage().middle())?;
+    let Some(cameras) = cameras.filter(|_| track.is_found()) else { return Ok(row) };
+    let located = cameras.film();
+    let row = compare(case, &spoilt, &cameras.clips().concat(), row)?;
+    let pairs = spoilt.frames.iter().zip(&located).filter_map(|(frame, shot)| Some((frame.clone(), (*shot)?)));
+    let (frames, shots) = pairs.unzip();
+    let [with_true, with_found] =
+        [&spoilt, &Spoilt { frames, shots }].map(|spoilt| measure::film(device, issue, spoilt, &[LEAKED]));
+    let (with_true, with_found) = (with_true?, with_found?);
+    Ok(LocatedRow {
+        known: located.iter().flatten().count(),
+        likeness: median(track.frames.iter().flatten().map(|fit| fit.correlation).collect()),
+        t_true: with_true.t,
+        t: with_found.t,
+        named: with_found.named,
+        wrong: with_found.wrong,
+        ..row
+    })
 }
 
 fn compare(
-    device: &Device,
-    original: &Model,
-    shots: &Shots,
-    located: &[Located],
+    case: &Case<'_>,
+    spoilt: &Spoilt,
+    located: &[(Camera, f32)],
     row: LocatedRow,
 ) -> Result<LocatedRow, EngineError> {
-    let mut field = DeformField::new(device, &original.gaussians, &original.motion)?;
+    let original = case.issue.model();
+    let mut field = DeformField::new(case.device, &original.gaussians, &original.motion)?;
     let (mut errors, mut times) = (Vec::new(), Vec::new());
-    for ((camera, time), found) in shots.iter().zip(located) {
+    for ((camera, time), (found, found_time)) in spoilt.shots.iter().zip(located) {
         let splats = field.at(*time)?.read()?;
         let stride = (splats.len() / SPLATS).max(1);
         let apart = splats.means.iter().step_by(stride).filter_map(|mean| {
             let point = glam::Vec3::from(*mean).as_dvec3();
-            let (a, b) = (seen(camera, point)?, project(&found.camera, point)?);
+            let (a, b) = (seen(camera, point)?, project(found, point)?);
             Some(f64::from((a[0] - b[0]).hypot(a[1] - b[1])))
         });
         errors.push(median(apart.collect()));
-        times.push(f64::from((time - found.time).abs()));
+        times.push(f64::from((time - found_time).abs()));
     }
     let share = |errors: &[f64], near: f64| {
         errors.iter().filter(|error| **error <= near).count() as f64 / errors.len().max(1) as f64
@@ -114,7 +155,6 @@ fn compare(
         near_time: share(&times, NEAR_TIME),
         error_px: median(errors),
         error_time: median(times),
-        likeness: median(located.iter().map(|located| located.likeness).collect()),
         ..row
     })
 }
@@ -128,11 +168,21 @@ fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.get(numbers.len() / 2).copied().unwrap_or(f64::INFINITY)
 }
 
-fn draw(device: &Device, model: &Model, shots: &Shots) -> Result<Vec<Frame>, EngineError> {
-    let mut renderer = SceneRenderer::new(device, &model.gaussians, &model.motion, model.background)?;
+fn draw(case: &Case<'_>, shots: &Shots) -> Result<Vec<Frame>, EngineError> {
+    let model = case.issue.model();
+    let mut renderer = SceneRenderer::new(case.device, case.leaked, &model.motion, model.background)?;
     let mut frames = Vec::new();
     renderer.render_clips(std::slice::from_ref(shots), |_, camera, pixels| {
-        frames.push(Frame::from_rgba32f(camera.width, camera.height, pixels)?);
+        let mut pixels = pixels.to_vec();
+        for (at, pixel) in pixels.chunks_exact_mut(4).enumerate() {
+            let width = camera.width as usize;
+            if let Some(behind) = case.attack.background([at % width, at / width]) {
+                for channel in 0..3 {
+                    pixel[channel] += pixel[3] * (behind[channel] - model.background[channel]);
+                }
+            }
+        }
+        frames.push(Frame::from_rgba32f(camera.width, camera.height, &pixels)?);
         Ok(())
     })?;
     Ok(frames)

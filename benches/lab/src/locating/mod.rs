@@ -1,4 +1,5 @@
 //! How well films of unknown cameras are located: drawn at random, filmed, encoded, found, compared.
 
+pub mod attack;
 pub mod film;
 pub mod measure;

@@ -165,7 +165,7 @@ pub fn spoil(
 
 /// Frames with other levels, 0 to 1.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a level from 0 to 255")]
-fn changed(frames: &[Frame], of: impl Fn(f64) -> f64) -> Result<Vec<Frame>, EngineError> {
+pub(crate) fn changed(frames: &[Frame], of: impl Fn(f64) -> f64) -> Result<Vec<Frame>, EngineError> {
     let table: Vec<u8> =
         (0..=255u8).map(|level| (255.0 * of(f64::from(level) / 255.0).clamp(0.0, 1.0)).round() as u8).collect();
     let change = |frame: &Frame| {

@@ -52,7 +52,7 @@ impl FrameSize {
 /// Pixel centres lie at whole numbers, so the optical axis of a symmetric camera is at ((W-1)/2, (H-1)/2).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// Rigid transform from world to camera space.
+    /// Rigid transform from world to camera space, with a reflection where pictures are mirrored.
     pub world_to_camera: Mat4,
     /// Focal length along x, px.
     pub fx: f32,
@@ -117,6 +117,20 @@ impl Camera {
         Self { world_to_camera: (self.world_to_camera.as_dmat4() * world).as_mat4(), ..self }
     }
 
+    /// The camera whose pictures are these with left and right exchanged: its world is mirrored, not turned.
+    #[must_use]
+    pub fn mirrored(self) -> Self {
+        let mirror = DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+        let world_to_camera = (mirror * self.world_to_camera.as_dmat4()).as_mat4();
+        Self { world_to_camera, cx: narrow(f64::from(self.width) - 1.0 - f64::from(self.cx)), ..self }
+    }
+
+    /// Whether it shows the world as in a mirror.
+    #[must_use]
+    pub fn is_mirrored(&self) -> bool {
+        self.world_to_camera.determinant() < 0.0
+    }
+
     /// tan(FovX / 2), which bounds the splat Jacobian.
     #[must_use]
     pub fn tan_fovx(&self) -> f32 {
@@ -163,6 +177,9 @@ pub struct View {
     pub camera: Camera,
     /// Times in \[0,1\]; empty if the file does not say.
     pub times: Vec<f32>,
+    /// Whether it is known to be so. What a search for a film's cameras did not find is a guess, which can be drawn and
+    /// is no evidence.
+    pub located: bool,
 }
 
 /// Views, each with its times.
@@ -204,6 +221,16 @@ impl CameraSet {
         moments.sort_by(|a, b| a.0.total_cmp(&b.0));
         let clips = moments.iter().map(|(_, cameras)| cameras.len()).max().unwrap_or(0);
         (0..clips).map(|k| moments.iter().filter_map(|(t, cameras)| Some((*cameras.get(k)?, *t))).collect()).collect()
+    }
+
+    /// The camera and moment of each frame of the film that [`Self::clips`] are one after the other; none where it is a
+    /// guess.
+    #[must_use]
+    pub fn film(&self) -> Vec<Option<(Camera, f32)>> {
+        if !self.in_sequence {
+            return self.clips().concat().into_iter().map(Some).collect();
+        }
+        self.entries().map(|(view, camera, time)| self.views[view].located.then_some((*camera, time))).collect()
     }
 
     /// The same views at another image size, see [`Camera::resized`].

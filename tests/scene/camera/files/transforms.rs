@@ -259,7 +259,7 @@ fn a_films_cameras_come_back_in_its_order() {
     // The first camera comes again behind others: grouped by camera, the film would have another order.
     let shots =
         [(camera(0.1, 400), 0.0f32), (camera(0.7, 400), 1.0 / 3.0), (camera(0.1, 400), 0.9), (camera(0.1, 320), 0.2)];
-    let views = shots.map(|(camera, time)| View { name: String::new(), camera, times: vec![time] });
+    let views = shots.map(|(camera, time)| View { name: String::new(), camera, times: vec![time], located: true });
     let film = CameraSet { views: views.to_vec(), in_sequence: true };
     let back = CameraSet::parse(Path::new("film.json"), &film.film_json(), size(8, 8)).expect("transforms");
     let clips = back.clips();

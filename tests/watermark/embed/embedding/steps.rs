@@ -99,6 +99,7 @@ pub(super) fn film(gpu: &Gpu, owner: &Owner, embedded: &Embedded, clips: &[Shots
         name: i.to_string(),
         camera: *camera,
         times: vec![*time],
+        located: true,
     };
     let cameras = CameraSet { views: shots.map(view).collect(), in_sequence: false };
     let filmed = HeldOut::render(gpu, &owner.model, &embedded.sh_coeffs, &cameras).expect("films");

@@ -54,7 +54,7 @@ pub(super) fn read(reader: Reader<'_>, value: serde_json::Value) -> Result<Camer
         let lens = reader.lens(&of, size, [focal; 2], [None; 2])?;
         let time = time.unwrap_or(narrow(number as f64 / last));
         let camera = Camera { world_to_camera, ..lens };
-        views.push(View { name: format!("path_{number:05}"), camera, times: vec![time] });
+        views.push(View { name: format!("path_{number:05}"), camera, times: vec![time], located: true });
     }
     Ok(CameraSet { in_sequence: true, ..reader.set(views)? })
 }

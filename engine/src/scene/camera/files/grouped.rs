@@ -20,7 +20,7 @@ impl Grouped {
         key[20..].copy_from_slice(&[camera.width, camera.height]);
         let index = *self.index_from_camera.entry(key).or_insert(self.views.len());
         if index == self.views.len() {
-            self.views.push(View { name, camera, times: Vec::new() });
+            self.views.push(View { name, camera, times: Vec::new(), located: true });
         }
         self.views[index].times.extend(time);
     }

@@ -29,7 +29,7 @@ pub(super) fn read(reader: Reader<'_>, value: serde_json::Value) -> Result<Camer
         let world_to_camera = reader.rigid(format!("{of}rotation"), rotation, position)?;
         let size = reader.size(&of, camera.width.into(), camera.height.into())?;
         let lens = reader.lens(&of, size, [camera.fx, camera.fy], [None; 2])?;
-        Ok(View { name: camera.img_name, camera: Camera { world_to_camera, ..lens }, times: Vec::new() })
+        Ok(View { name: camera.img_name, camera: Camera { world_to_camera, ..lens }, times: Vec::new(), located: true })
     });
     reader.set(views.collect::<Result<_, EngineError>>()?)
 }

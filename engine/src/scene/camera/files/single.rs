@@ -39,5 +39,6 @@ pub(super) fn read(reader: Reader<'_>, value: serde_json::Value) -> Result<Camer
         name: "camera".to_owned(),
         camera: Camera { world_to_camera: matrix.as_mat4(), ..lens },
         times: file.time.map(narrow).into_iter().collect(),
+        located: true,
     }])
 }

@@ -55,9 +55,19 @@ struct Lens {
 struct Frame {
     file_path: Option<String>,
     time: Option<f64>,
+    /// Ours: the film shows the scene as in a mirror.
+    #[serde(default)]
+    mirrored: bool,
+    /// Ours: whether this is known, see [`View::located`].
+    #[serde(default = "yes")]
+    located: bool,
     transform_matrix: [[f64; 4]; 4],
     #[serde(flatten)]
     lens: Lens,
+}
+
+fn yes() -> bool {
+    true
 }
 
 /// The times of another file of the dataset; nothing else of it matters.
@@ -109,8 +119,9 @@ pub(super) fn read(
         let world_to_camera = reader.opengl_pose(format!("{of}transform_matrix"), &frame.transform_matrix)?;
         let name = frame.file_path.unwrap_or_else(|| format!("frame_{number:05}"));
         let camera = Camera { world_to_camera, ..lens };
+        let camera = if frame.mirrored { camera.mirrored() } else { camera };
         if file.in_sequence {
-            film.push(View { name, camera, times: time.into_iter().collect() });
+            film.push(View { name, camera, times: time.into_iter().collect(), located: frame.located });
         } else {
             grouped.add(name, camera, time);
         }
@@ -124,14 +135,22 @@ impl CameraSet {
     /// pixels to some 1e-5 px, and the same times. Each frame has a lens of its own.
     #[must_use]
     pub fn film_json(&self) -> Vec<u8> {
-        let frames: Vec<_> =
-            self.clips().concat().iter().enumerate().map(|(n, (camera, time))| frame_json(n, camera, *time)).collect();
+        let shots = self.clips().concat();
+        let known = self.film().into_iter().map(|shot| shot.is_some());
+        let frames: Vec<_> = shots
+            .iter()
+            .zip(known)
+            .enumerate()
+            .map(|(number, ((camera, time), located))| frame_json(number, camera, *time, located))
+            .collect();
         to_file(&json!({ "in_sequence": true, "frames": frames }))
     }
 }
 
 /// One frame of [`CameraSet::film_json`].
-fn frame_json(number: usize, camera: &Camera, time: f32) -> serde_json::Value {
+fn frame_json(number: usize, camera: &Camera, time: f32, located: bool) -> serde_json::Value {
+    let mirrored = camera.is_mirrored();
+    let camera = if mirrored { camera.mirrored() } else { *camera };
     let pose = camera.world_to_camera.as_dmat4();
     let turn = DMat3::from_mat4(pose).transpose();
     let position = -(turn * pose.w_axis.truncate());
@@ -139,7 +158,7 @@ fn frame_json(number: usize, camera: &Camera, time: f32) -> serde_json::Value {
     let axes = turn * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
     let row = |i: usize| [axes.x_axis[i], axes.y_axis[i], axes.z_axis[i], position[i]];
     let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx, camera.cy].map(f64::from);
-    json!({
+    let mut frame = json!({
         "file_path": format!("frame_{number:05}"),
         "time": time,
         "w": camera.width,
@@ -150,7 +169,14 @@ fn frame_json(number: usize, camera: &Camera, time: f32) -> serde_json::Value {
         "cx": cx + 0.5,
         "cy": cy + 0.5,
         "transform_matrix": [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
-    })
+    });
+    if mirrored {
+        frame["mirrored"] = true.into();
+    }
+    if !located {
+        frame["located"] = false.into();
+    }
+    frame
 }
 
 impl Lens {

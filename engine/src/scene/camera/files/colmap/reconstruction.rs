@@ -77,7 +77,7 @@ impl Files {
                 return Err(bad_data(&self.images, field, image.camera_id, "a camera of the cameras file"));
             };
             let world_to_camera = image.pose(reader)?;
-            Ok(View { name: image.name, camera: Camera { world_to_camera, ..*lens }, times: Vec::new() })
+            Ok(View { name: image.name, camera: Camera { world_to_camera, ..*lens }, times: Vec::new(), located: true })
         });
         reader.set(views.collect::<Result<_, _>>()?)
     }

@@ -1,0 +1,125 @@
+//! From a film to its cameras, and how sure they are.
+
+use std::num::NonZeroU32;
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::film::{Locator, Track, apart_px, median};
+use super::reading::Reading;
+use crate::base::observer::{Observer, Progress};
+use crate::error::EngineError;
+use crate::media::ReadOptions;
+use crate::media::framing::Rect;
+use crate::scene::CameraSet;
+
+/// Frames that are looked at where nobody says how many: twice as many as a film needs in which the mark is clear.
+pub const DEFAULT_FRAMES: u32 = 96;
+
+/// What the answer is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Locating {
+    /// The asset is in the film, and from where it was taken is known.
+    Located,
+    /// It was not found.
+    Inconclusive,
+}
+
+impl Locating {
+    /// Process exit code.
+    #[must_use]
+    pub fn exit_code(self) -> u8 {
+        match self {
+            Self::Located => 0,
+            Self::Inconclusive => 4,
+        }
+    }
+}
+
+/// The answer, and how sure it is.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LocateReport {
+    /// The answer.
+    pub verdict: Locating,
+    /// Frames of the film.
+    pub frames: usize,
+    /// Those that were looked at, evenly spread.
+    pub looked_at: usize,
+    /// Those that were found.
+    pub located: usize,
+    /// Shots that they are of.
+    pub shots: usize,
+    /// Whether the film shows the asset as in a mirror.
+    pub mirrored: bool,
+    /// What part of the frames is the picture, where that is not all.
+    pub picture: Option<Rect>,
+    /// Median likeness of film and original in the frames that were found, −1 to 1: correlation of gradients.
+    pub likeness: Option<f64>,
+    /// How far a frame is from between its neighbours at the median, px of the film; none of fewer than three frames.
+    /// Each was fitted for itself, so that it is a bound on how far off they are where the camera moves evenly.
+    pub apart_px: Option<f64>,
+    /// Horizontal field of view at the median, degrees.
+    pub fov_deg: Option<f64>,
+    /// The first frame's moment and the last's.
+    pub times: Option<[f64; 2]>,
+}
+
+/// What came of a film.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finding {
+    /// The camera of each frame; see [`Track::cameras`].
+    pub cameras: Option<CameraSet>,
+    /// The same in numbers.
+    pub report: LocateReport,
+}
+
+impl Locator {
+    /// Finds where a film was taken, by at most so many of its frames.
+    ///
+    /// # Errors
+    /// Those of reading it and of the device, and what the observer stops the work with.
+    pub fn film(
+        &mut self,
+        path: &Path,
+        options: &ReadOptions,
+        most: NonZeroU32,
+        observer: &mut dyn Observer,
+    ) -> Result<Finding, EngineError> {
+        let mut read = 0;
+        let reading = Reading::of(path, options, most, &mut || {
+            read += 1;
+            observer.observe(Progress { stage: "reading the film", done: read, total: None })
+        })?;
+        let track = self.locate(&reading.pictures, observer)?;
+        let cameras = track.cameras(&reading, self.stage().middle())?;
+        Ok(Finding { report: report(&track, &reading), cameras })
+    }
+}
+
+fn report(track: &Track, reading: &Reading) -> LocateReport {
+    let known: Vec<_> = track.frames.iter().flatten().collect();
+    let of = |number: &dyn Fn(usize) -> f64| (!known.is_empty()).then(|| median((0..known.len()).map(number)));
+    let whole = Rect { x: 0, y: 0, width: reading.size.width(), height: reading.size.height() };
+    let width = f64::from(reading.picture.width);
+    let mut apart = Vec::new();
+    for trio in track.shots.iter().flat_map(|shot| track.frames[shot.clone()].windows(3)) {
+        if let [Some(before), Some(at), Some(behind)] = trio {
+            let between = before.pose.moved(&behind.pose.since(&before.pose).map(|step| 0.5 * step));
+            apart.push(apart_px(&at.pose, &between, width));
+        }
+    }
+    LocateReport {
+        verdict: if known.is_empty() { Locating::Inconclusive } else { Locating::Located },
+        frames: reading.frames,
+        looked_at: reading.pictures.len(),
+        located: known.len(),
+        shots: track.shots.len(),
+        mirrored: track.is_mirrored,
+        picture: Some(reading.picture).filter(|picture| *picture != whole),
+        likeness: of(&|at| known[at].correlation),
+        apart_px: (!apart.is_empty()).then(|| median(apart.iter().copied())),
+        fov_deg: of(&|at| (2.0 * (0.5 / known[at].pose.lens.exp()).atan()).to_degrees()),
+        times: known.first().zip(known.last()).map(|(first, last)| [first.pose.time, last.pose.time]),
+    }
+}

@@ -1,0 +1,83 @@
+//! What is looked at of a film: so many of its frames, in one channel, not too large, without bars.
+
+use std::num::NonZeroU32;
+use std::path::Path;
+
+use super::gray::Gray;
+use crate::error::EngineError;
+use crate::media::framing::{BarFinder, Rect};
+use crate::media::{FrameSource, ReadOptions};
+use crate::scene::FrameSize;
+
+/// The longer side of pictures, px: beyond it they say no more of cameras.
+const LONGEST_PX: u32 = 768;
+
+/// Frames of a film.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reading {
+    /// What is compared, in sequence.
+    pub pictures: Vec<Gray>,
+    /// One of so many frames is looked at, from the first on.
+    pub every: usize,
+    /// How many there are.
+    pub frames: usize,
+    /// Their size.
+    pub size: FrameSize,
+    /// What part of them is the picture.
+    pub picture: Rect,
+}
+
+impl Reading {
+    /// Reads at most so many frames, evenly spread over the film. `each` is called before each.
+    ///
+    /// # Errors
+    /// Those of reading, and of `each`.
+    pub fn of(
+        path: &Path,
+        options: &ReadOptions,
+        most: NonZeroU32,
+        each: &mut dyn FnMut() -> Result<(), EngineError>,
+    ) -> Result<Self, EngineError> {
+        let source = FrameSource::open(path, options)?;
+        let frames = match source.expected_frames() {
+            Some(frames) => frames,
+            None => source.for_each(&mut |_| each())?.frames,
+        };
+        let every = u32::try_from(frames.div_ceil(u64::from(most.get()))).ok().and_then(NonZeroU32::new);
+        let every = every.unwrap_or(NonZeroU32::MIN);
+        let mut bars = BarFinder::default();
+        let mut whole = Vec::new();
+        let mut size_px = (1, 1);
+        let mut count = 0;
+        source.for_each(&mut |frame| {
+            each()?;
+            if count % every.get() as usize == 0 {
+                size_px = (frame.width(), frame.height());
+                bars.look(&frame);
+                whole.push(Gray::of_frame(&frame).within(LONGEST_PX));
+            }
+            count += 1;
+            Ok(())
+        })?;
+        let size = FrameSize::new(size_px.0, size_px.1)?;
+        let all = Rect { x: 0, y: 0, width: size.width(), height: size.height() };
+        let picture = bars.find().unwrap_or(all);
+        let pictures = match picture == all {
+            true => whole,
+            false => whole.iter().map(|frame| frame.cut(part(picture, size, frame))).collect(),
+        };
+        Ok(Self { pictures, every: every.get() as usize, frames: count, size, picture })
+    }
+}
+
+/// A part of frames in a picture of them that may be smaller.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "pixels within a frame")]
+fn part(rect: Rect, size: FrameSize, frame: &Gray) -> Rect {
+    let scale = frame.width as f64 / f64::from(size.width());
+    let [x, y] = [rect.x, rect.y].map(|at| (f64::from(at) * scale).round() as u32);
+    let within = |from: u32, length: u32, side: usize| {
+        let length = (f64::from(length) * scale).round().max(1.0) as u32;
+        length.min(u32::try_from(side).unwrap_or(u32::MAX) - from)
+    };
+    Rect { x, y, width: within(x, rect.width, frame.width), height: within(y, rect.height, frame.height) }
+}

@@ -1,0 +1,58 @@
+//! A frame of which nothing is known.
+
+use super::align::{Detail, Fit, Plan, align, moments};
+use super::bank::Bank;
+use super::gray::Gray;
+use super::pose::{LENS, PARAMETERS, Pose};
+use super::stage::Stage;
+use crate::error::EngineError;
+
+/// Guesses that are looked at.
+const GUESSES: usize = 16;
+/// Those that are worth a closer look, and a second one.
+const CLOSER: [usize; 2] = [5, 2];
+/// Moments of each that are looked at closer.
+const ALIKE: usize = 3;
+/// The lens that a guess is looked at through, as a field of view of the longer side, degrees.
+const LENS_DEG: f64 = 40.0;
+
+/// Of pictures that moments are looked for in.
+pub(super) const SCANNED: Detail = Detail::Radius(24.0);
+/// Steps from coarse to fine. At first a turn by ten degrees, which is as far as views of the bank are apart, is two or
+/// three pixels.
+const COARSE: Plan = Plan { detail: Detail::Radius(16.0), steps: 8, lens: true, as_film: false };
+const MIDDLE: Plan = Plan { detail: Detail::Radius(32.0), steps: 10, lens: true, as_film: false };
+const FINE: Plan = Plan { detail: Detail::Radius(72.0), steps: 8, lens: true, as_film: false };
+
+/// Where a frame was taken, as well as can be told from it alone; none for a bank without pictures.
+///
+/// # Errors
+/// When memory runs out or the device fails.
+pub fn anywhere(stage: &mut Stage, bank: &Bank, frame: &Gray) -> Result<Option<Fit>, EngineError> {
+    let mut fits = Vec::new();
+    for guess in bank.guesses(frame, GUESSES) {
+        let longer = frame.width.max(frame.height) as f64 / frame.width as f64;
+        let lens = (longer / (2.0 * (LENS_DEG.to_radians() / 2.0).tan())).ln();
+        fits.push(align(stage, frame, &with_lens(guess.pose, lens), COARSE)?);
+    }
+    for (count, plan) in CLOSER.into_iter().zip([MIDDLE, FINE]) {
+        fits.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        fits.truncate(count);
+        let mut closer = Vec::new();
+        for fit in &fits {
+            for pose in moments(stage, frame, &fit.pose, SCANNED, 1.0)?.iter().take(ALIKE) {
+                closer.push(align(stage, frame, pose, plan)?);
+            }
+        }
+        fits = closer;
+    }
+    Ok(fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)))
+}
+
+/// The same picture through another lens: as large, from another distance.
+#[must_use]
+pub fn with_lens(pose: Pose, lens: f64) -> Pose {
+    let mut step = [0.0; PARAMETERS];
+    step[LENS] = lens - pose.lens;
+    pose.moved(&step)
+}
