@@ -20,6 +20,7 @@ mod interop;
 mod isa;
 mod keygen;
 mod liar;
+mod locate;
 mod man;
 mod models;
 mod outputs;

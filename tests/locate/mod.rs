@@ -2,5 +2,7 @@
 
 mod align;
 mod bank;
+mod cameras;
 mod gray;
 mod pose;
+mod shots;

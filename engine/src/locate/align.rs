@@ -10,8 +10,6 @@ use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::scene::FrameSize;
 
-/// How far time is moved to see what it does.
-const TIME_PROBE: f64 = 1.0 / 64.0;
 /// Deviations beyond which a difference counts less (Huber): 95 % as good as least squares where errors are normal.
 const HUBER: f64 = 1.345;
 /// Least deviation of what differs, of 1: that of rounding and coding.
@@ -219,7 +217,8 @@ impl Slope {
             }
         }
         if stage.moves() {
-            let probe = if pose.time + TIME_PROBE > 1.0 { -TIME_PROBE } else { TIME_PROBE };
+            let forward = stage.time_probe();
+            let probe = if pose.time + forward > 1.0 { -forward } else { forward };
             let mut step = [0.0; PARAMETERS];
             step[TIME] = probe;
             let moved = left.exposure.of(&stage.draw(&pose.moved(&step), film.canvas)?);

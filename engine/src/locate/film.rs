@@ -28,15 +28,17 @@ const SEARCHES: usize = 4;
 const SEARCHED: usize = 16;
 /// Frames of a shot of which nothing is known that are looked for before it is given up.
 const TRIES: usize = 3;
-/// How far the next frame's moment may be.
-const NEAR: f64 = 0.08;
+/// How far the next frame's moment may be from where it is looked for: so much, and as far as that is from the last.
+const NEAR: f64 = 0.06;
 /// Frames of a shot that tell its lens.
 const TELLING: usize = 12;
 /// How far a frame is from between its neighbours to be looked at again: in pixels, and of what is usual.
 const APART_PX: f64 = 2.0;
 const APART_OF_USUAL: f64 = 4.0;
-/// What a pose between the neighbours may cost more than one beside.
-const AS_GOOD: f64 = 1.01;
+/// What a frame costs, of what is usual beside it, to be looked at again; moments that are tried then.
+const DEAR: f64 = 1.4;
+const BESIDE: usize = 4;
+const ALIKE: usize = 3;
 
 /// Steps for a frame whose neighbour is known.
 const NEXT: Plan = Plan { detail: Detail::Radius(40.0), steps: 5, lens: false, as_film: false };
@@ -184,9 +186,10 @@ impl Locator {
         earlier: Option<Fit>,
         searches: &mut usize,
     ) -> Result<Fit, EngineError> {
+        let reach = NEAR + earlier.map_or(0.0, |earlier| (last.pose.time - earlier.pose.time).abs());
         let stage = &mut self.stage;
         let mut follow = |begun: Pose| -> Result<Fit, EngineError> {
-            let pose = moments(stage, frame, &begun, SCANNED, NEAR)?.first().copied().unwrap_or(begun);
+            let pose = moments(stage, frame, &begun, SCANNED, reach)?.first().copied().unwrap_or(begun);
             align(stage, frame, &pose, NEXT)
         };
         let ahead = earlier.map_or(last.pose, |earlier| last.pose.moved(&last.pose.since(&earlier.pose)));
@@ -224,25 +227,46 @@ impl Locator {
                 fits[at] = align(stage, &frames[at], &with_lens(fits[at].pose, lens), LAST)?;
             }
         }
-        // Those that are beside the way are looked at again from where it leads.
+        self.look_again(frames, fits, work)
+    }
+
+    /// Looks again at frames that are beside the way, or much less like the original than the others: from where the
+    /// way leads, and at every moment.
+    fn look_again(&mut self, frames: &[Gray], fits: &mut [Fit], work: &mut Work<'_>) -> Result<(), EngineError> {
         let width = frames.first().map_or(0.0, |frame| frame.width as f64);
-        let between = |fits: &[Fit], at: usize| {
-            let [before, behind] = [fits[at - 1].pose, fits[at + 1].pose];
-            before.moved(&behind.since(&before).map(|step| 0.5 * step))
-        };
-        let inner = 1..frames.len().saturating_sub(1).max(1);
-        let apart: Vec<f64> =
-            inner.clone().map(|at| apart_px(&fits[at].pose, &between(fits, at), width)).collect();
-        let limit = APART_PX.max(APART_OF_USUAL * median(apart.iter().copied()));
-        for at in inner.filter(|at| apart[at - 1] > limit) {
+        let apart: Vec<Option<f64>> =
+            (0..fits.len()).map(|at| Some(apart_px(&fits[at].pose, &between(fits, at)?, width))).collect();
+        let far = APART_PX.max(APART_OF_USUAL * median(apart.iter().flatten().copied()));
+        for at in 0..fits.len() {
+            let beside = &fits[at.saturating_sub(BESIDE)..(at + 1 + BESIDE).min(fits.len())];
+            let dear = DEAR * median(beside.iter().map(|fit| fit.cost));
+            if !(fits[at].cost > dear || apart[at].is_some_and(|apart| apart > far)) {
+                continue;
+            }
             work.look("frames beside the way")?;
-            let fit = align(stage, &frames[at], &between(fits, at), LAST)?;
-            if fit.cost <= AS_GOOD * fits[at].cost {
-                fits[at] = fit;
+            let mut begun: Vec<Pose> = between(fits, at).into_iter().collect();
+            self.stage.set_rough(true);
+            let from = begun.first().copied().unwrap_or(fits[at].pose);
+            begun.extend(moments(&mut self.stage, &frames[at], &from, SCANNED, 1.0)?.into_iter().take(ALIKE));
+            self.stage.set_rough(false);
+            let mut best: Option<Fit> = None;
+            for pose in begun {
+                let fit = align(&mut self.stage, &frames[at], &pose, NEXT)?;
+                best = best.filter(|best| best.cost <= fit.cost).or(Some(fit));
+            }
+            if let Some(best) = best {
+                let fit = align(&mut self.stage, &frames[at], &best.pose, LAST)?;
+                fits[at] = if fit.cost < fits[at].cost { fit } else { fits[at] };
             }
         }
         Ok(())
     }
+}
+
+/// Between the poses of a frame's neighbours, where it has two.
+fn between(fits: &[Fit], at: usize) -> Option<Pose> {
+    let (before, behind) = (fits.get(at.checked_sub(1)?)?.pose, fits.get(at + 1)?.pose);
+    Some(before.moved(&behind.since(&before).map(|step| 0.5 * step)))
 }
 
 /// Roughly how far two poses' pictures are apart, px of a picture of this width.

@@ -11,11 +11,13 @@ use crate::scene::FrameSize;
 
 /// The longer side of pictures, px: beyond it they say no more of cameras.
 const LONGEST_PX: u32 = 768;
+/// The least side, px: in fewer pixels than a camera and an exposure have numbers anything can be found.
+const SHORTEST_PX: usize = 24;
 
 /// Frames of a film.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reading {
-    /// What is compared, in sequence.
+    /// What is compared, in sequence; none of frames that are too small to say where they were taken.
     pub pictures: Vec<Gray>,
     /// One of so many frames is looked at, from the first on.
     pub every: usize,
@@ -62,10 +64,11 @@ impl Reading {
         let size = FrameSize::new(size_px.0, size_px.1)?;
         let all = Rect { x: 0, y: 0, width: size.width(), height: size.height() };
         let picture = bars.find().unwrap_or(all);
-        let pictures = match picture == all {
+        let mut pictures = match picture == all {
             true => whole,
             false => whole.iter().map(|frame| frame.cut(part(picture, size, frame))).collect(),
         };
+        pictures.retain(|picture| picture.width.min(picture.height) >= SHORTEST_PX);
         Ok(Self { pictures, every: every.get() as usize, frames: count, size, picture })
     }
 }

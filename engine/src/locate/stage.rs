@@ -13,14 +13,18 @@ use crate::render::deform::{DeformField, SplatState};
 use crate::render::{FrameMut, FramePlan, OffsetBases, Offsets, Prune, Renderer};
 use crate::scene::camera::paths::USUAL_FOV_X_RAD;
 use crate::scene::gaussians::{SH_FLOATS, Y0};
-use crate::scene::{FrameSize, Gaussians, LookAt, Model};
+use crate::scene::{FrameSize, LookAt, Model};
 
 /// Small pictures are drawn so many times as large along a side, and made smaller: a splat is drawn no narrower than a
 /// pixel, which is little of a film's picture and much of a small one.
 const FINER: u32 = 2;
 
-/// Moments that are kept, and two more.
+/// Moments from one end to the other that are kept, and the one at the other end.
 pub const MOMENTS: u32 = 64;
+/// Other moments that are kept: the last steps'.
+const CACHED: usize = 4;
+/// How far time is moved to see what it does, where moments are not rough.
+const FINE_PROBE: f64 = 1.0 / 512.0;
 /// Least share of a pixel that the asset covers for its place to be known.
 const COVERED: f64 = 0.1;
 
@@ -28,6 +32,9 @@ const COVERED: f64 = 0.1;
 #[derive(Debug)]
 pub struct Stage {
     device: Device,
+    /// Moments on a grid, all of which are kept.
+    rough_field: DeformField,
+    /// Any moments.
     field: DeformField,
     renderer: Renderer,
     background: [f32; 3],
@@ -35,8 +42,8 @@ pub struct Stage {
     moves: bool,
     rough: bool,
     places: Places,
-    /// Offsets with which colours are places.
-    as_places: Buffer<f32>,
+    /// Offsets with which the colours of a moment are places, of the moment that was asked last.
+    as_places: Option<(Arc<SplatState>, Buffer<f32>)>,
 }
 
 impl Stage {
@@ -49,14 +56,16 @@ impl Stage {
         let places = Places::about(middle(look_at));
         Ok(Self {
             device: device.clone(),
-            field: DeformField::new(device, &model.gaussians, &model.motion)?.with_cached_times(MOMENTS as usize + 2),
+            rough_field: DeformField::new(device, &model.gaussians, &model.motion)?
+                .with_cached_times(MOMENTS as usize + 1),
+            field: DeformField::new(device, &model.gaussians, &model.motion)?.with_cached_times(CACHED),
             renderer: Renderer::new(device)?,
             background: model.background,
             look_at,
             moves: !model.motion.is_still(),
             rough: true,
             places,
-            as_places: device.buffer_from("locate.as_places", &places.offsets(&model.gaussians))?,
+            as_places: None,
         })
     }
 
@@ -84,13 +93,22 @@ impl Stage {
     /// When memory runs out or the device fails.
     pub fn at(&mut self, time: f64) -> Result<Arc<SplatState>, EngineError> {
         let moments = f64::from(MOMENTS);
-        self.field.at(narrow(if self.rough { (time * moments).round() / moments } else { time }))
+        match self.rough {
+            true => self.rough_field.at(narrow((time * moments).round() / moments)),
+            false => self.field.at(narrow(time)),
+        }
     }
 
     /// Whether moments are drawn as the nearest of some that are kept: a network takes several times as long for a
     /// moment as a small picture of it does.
     pub fn set_rough(&mut self, rough: bool) {
         self.rough = rough;
+    }
+
+    /// How far time is moved to see what it does.
+    #[must_use]
+    pub fn time_probe(&self) -> f64 {
+        if self.rough { 1.0 / f64::from(MOMENTS) } else { FINE_PROBE }
     }
 
     /// What a camera sees of the asset at the pose's moment.
@@ -114,15 +132,24 @@ impl Stage {
     pub fn survey(&mut self, pose: &Pose, canvas: Canvas) -> Result<Survey, EngineError> {
         let (drawn_at, size) = (canvas.drawn_at()?, canvas.size);
         let plan = self.plan(pose, drawn_at)?;
+        let state = self.at(pose.time)?;
+        let as_places = match self.as_places.take() {
+            Some(known) if Arc::ptr_eq(&known.0, &state) => known,
+            _ => {
+                let offsets = self.places.offsets(&state.raw().means.read()?, &state.sh_coeffs().read()?);
+                (state, self.device.buffer_from("locate.as_places", &offsets)?)
+            }
+        };
         let mut rec = self.device.recorder()?;
         let [mut pixels, mut places] = [
             self.device.buffer("locate.frame", plan.frame_len())?,
             self.device.buffer("locate.places", plan.frame_len())?,
         ];
         self.renderer.forward(&mut rec, &plan, None, self.background, FrameMut { clip: &mut pixels, index: 0 })?;
-        let offsets = Some(Offsets { data: &self.as_places, bases: OffsetBases::All });
+        let offsets = Some(Offsets { data: &as_places.1, bases: OffsetBases::All });
         self.renderer.forward(&mut rec, &plan, offsets, [0.0; 3], FrameMut { clip: &mut places, index: 0 })?;
         rec.submit()?;
+        self.as_places = Some(as_places);
         let drawn = Drawn::of(&pixels.read()?, drawn_at, size);
         // Sums where several drawn pixels are one of the picture, which are as many for all but at the borders.
         let (across, width) = (drawn_at.width() as usize, size.width() as usize);
@@ -198,8 +225,7 @@ impl Drawn {
 pub struct Survey {
     /// The picture.
     pub drawn: Drawn,
-    /// For each pixel the point that it shows, where it shows enough of the asset: of moving splats, where they are in
-    /// the file.
+    /// For each pixel the point that it shows, where it shows enough of the asset.
     pub points: Vec<Option<DVec3>>,
 }
 
@@ -225,11 +251,12 @@ impl Places {
         self.low + colour * self.extent
     }
 
-    /// Offsets of all coefficients `[N, 16, 3]` that make each splat's colour its place.
-    fn offsets(&self, gaussians: &Gaussians) -> Vec<f32> {
-        let mut offsets: Vec<f32> = gaussians.sh_coeffs.iter().map(|h| -h).collect();
-        for (row, mean) in offsets.chunks_exact_mut(SH_FLOATS).zip(&gaussians.means) {
-            let colour = self.colour(glam::Vec3::from(*mean).as_dvec3()).to_array();
+    /// Offsets of all coefficients `[N, 16, 3]` that make the colour of each of these splats its place, which is the
+    /// first three of four numbers.
+    fn offsets(&self, means: &[f32], sh_coeffs: &[f32]) -> Vec<f32> {
+        let mut offsets: Vec<f32> = sh_coeffs.iter().map(|h| -h).collect();
+        for (row, mean) in offsets.chunks_exact_mut(SH_FLOATS).zip(means.chunks_exact(4)) {
+            let colour = self.colour(glam::Vec3::from_slice(mean).as_dvec3()).to_array();
             row.iter_mut().zip(colour).for_each(|(dc, colour)| *dc += narrow((colour - 0.5) / Y0));
         }
         offsets
