@@ -110,6 +110,12 @@ pub(crate) struct VerifyArgs {
     /// were tried until the film read best have to be counted by --claims.
     #[arg(long, requires = "original")]
     known_cameras: bool,
+    /// With --original: do not look for where films were taken
+    ///
+    /// Where the message alone does not prove it and no --cameras are given, the film is located as `locate` does, which
+    /// takes minutes, and the owner's chips are read in it. They are the second of two readings either way.
+    #[arg(long)]
+    no_locate: bool,
     /// Write the verdict as a page for people: one HTML file that needs no other and no network
     ///
     /// It shows frames of the films, beside the original's if that is given, the bits, the controls, the hashes, and
@@ -162,6 +168,10 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
         filmed: match &original {
             Some(original) => suspects::filmed_by(&args.suspects, &args.views, original, &read_some(&args.frames))?,
             None => Vec::new(),
+        },
+        locatable: match args.no_locate || args.known_cameras || args.views.cameras.is_some() {
+            true => Vec::new(),
+            false => suspects::films(&args.suspects)?,
         },
         guesses: args.framing.guesses(),
         unrelated: args.unrelated.clone(),

@@ -60,6 +60,17 @@ pub(crate) fn filmed_by(
     Ok(filmed)
 }
 
+/// Those that are films, not models.
+pub(crate) fn films(paths: &[PathBuf]) -> Result<Vec<PathBuf>, EngineError> {
+    let mut films = Vec::new();
+    for path in paths {
+        if !is_model(path)? {
+            films.push(path.clone());
+        }
+    }
+    Ok(films)
+}
+
 /// The cameras that took a film, view by view.
 fn known_cameras(
     views: &EvaluationViews,

@@ -3,6 +3,7 @@
 use guard4d_engine::detect::trace::{Named, Report, Tracing};
 
 use super::report::{power, table};
+use super::verification::found_in_words;
 
 /// What a p-value is not.
 pub(crate) const NOT_INNOCENCE: &str = "The p-value says how rarely chance alone would point at anybody so clearly. It \
@@ -39,8 +40,7 @@ pub(crate) fn human(report: &Report) -> String {
         rows.push(("frames", report.frames.to_string()));
     }
     for found in &report.located {
-        let likeness = found.likeness.map_or_else(String::new, |likeness| format!(", {likeness:.2} of 1 like the original"));
-        rows.push(("cameras that were found", format!("{} of {} frames{likeness}", found.located, found.looked_at)));
+        rows.push(("cameras found", found_in_words(found)));
     }
     lines.push(table(&rows));
     lines.join("\n")

@@ -11,6 +11,7 @@ use guard4d_engine::evidence::other_keys::OtherKeysResult;
 use guard4d_engine::media::framing::Rect;
 use guard4d_engine::picture::part::Framings;
 use guard4d_engine::picture::undo_guess::UndoGuess;
+use guard4d_engine::locate::finding::LocateReport;
 
 use super::dates::{date_in_words, not_shown, root_in_words};
 use super::report::{Row, evidence_in_words, percent, power, table};
@@ -28,6 +29,7 @@ pub(crate) fn human(report: &VerifyReport) -> String {
         ("p-value", p),
     ];
     rows.extend(report.owner_chips.as_ref().map(|chips| ("owner's chips", chips_in_words(chips))));
+    rows.extend(report.located.iter().map(|found| ("cameras found", found_in_words(found))));
     rows.extend(e.panel.pools.iter().map(|pool| ("control", pool_in_words(pool))));
     rows.extend([
         ("arithmetic: inverted", format!("{} of {} match", e.panel.inverted.chance_deviation.matches, e.num_bits)),
@@ -67,6 +69,12 @@ pub(crate) fn human(report: &VerifyReport) -> String {
     rows.extend(report.standing.root.as_ref().map(|root| ("root", root_in_words(root))));
     rows.push(("not shown here", not_shown(&report.standing).to_owned()));
     table(&rows)
+}
+
+/// In how much of a film the original was found.
+pub(super) fn found_in_words(found: &LocateReport) -> String {
+    let likeness = found.likeness.map_or_else(String::new, |likeness| format!(", {likeness:.2} of 1 like the original"));
+    format!("{} of {} frames{likeness}", found.located, found.looked_at)
 }
 
 /// What the owner's chips say.

@@ -1,6 +1,6 @@
 //! Poses that are off are brought to where a film was taken.
 
-use guard4d_engine::locate::align::{Detail, Plan, align, moments};
+use guard4d_engine::locate::align::{Detail, Plan, Way, align, moments};
 use guard4d_engine::locate::gray::Gray;
 use guard4d_engine::locate::pose::{PARAMETERS, Pose};
 use guard4d_engine::locate::stage::Stage;
@@ -13,9 +13,9 @@ use crate::support::gpu::{Gpu, device};
 
 /// Steps from coarse to fine.
 const PLANS: [Plan; 3] = [
-    Plan { detail: Detail::Width(48), steps: 10, lens: false, as_film: false },
-    Plan { detail: Detail::Width(96), steps: 10, lens: true, as_film: false },
-    Plan { detail: Detail::Width(192), steps: 8, lens: true, as_film: false },
+    Plan { detail: Detail::Width(48), steps: 10, lens: false, time: true, way: Way::Small },
+    Plan { detail: Detail::Width(96), steps: 10, lens: true, time: true, way: Way::Small },
+    Plan { detail: Detail::Width(192), steps: 8, lens: true, time: true, way: Way::Small },
 ];
 
 fn film(gpu: &Gpu, model: &Model, pose: &Pose, stage: &Stage) -> Gray {

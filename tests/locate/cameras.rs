@@ -14,7 +14,7 @@ const SIZE: (u32, u32) = (320, 240);
 fn fit(angle: f64, time: f64) -> Fit {
     let turn = DQuat::from_rotation_x(2.0) * DQuat::from_rotation_z(angle);
     let pose = Pose { turn, shift: [0.05, -0.02], size: -1.0, lens: 0.3, time };
-    Fit { pose, cost: 1e-4, correlation: 0.9, lens_weight: 0.0 }
+    Fit { pose, cost: 1e-4, correlation: 0.9, lens_weight: 0.0, tied: 1.0 }
 }
 
 fn reading(frames: usize, every: usize, picture: Rect) -> Reading {

@@ -1,5 +1,9 @@
 //! The owner's chips in films whose cameras are known: a second reading, beside the message, that needs the original.
 
+use std::num::NonZeroU32;
+use std::path::PathBuf;
+use std::sync::PoisonError;
+
 use serde::Serialize;
 
 use super::gathered::{KnownFilm, SharedClaim, gather};
@@ -9,6 +13,7 @@ use super::suspect::FilmedSuspect;
 use crate::base::observer::{Observer, Progress};
 use crate::error::EngineError;
 use crate::fingerprint::issue::Issue;
+use crate::locate::finding::{DEFAULT_FRAMES, Finding, LocateReport, Locating};
 use crate::media::framing::Framing;
 use crate::media::{FrameSource, ReadOptions};
 
@@ -37,6 +42,13 @@ impl ChipsReading {
     }
 }
 
+/// Films that were located, and what is said of that.
+#[derive(Debug, Default)]
+pub(super) struct Located {
+    pub(super) films: Vec<FilmedSuspect>,
+    pub(super) reports: Vec<LocateReport>,
+}
+
 /// What is read, by whom.
 pub(super) struct ChipsReader<'a> {
     pub(super) request: &'a VerifyRequest<'a>,
@@ -48,6 +60,32 @@ pub(super) struct ChipsReader<'a> {
 }
 
 impl ChipsReader<'_> {
+    /// Whether there is something to read in films, once their cameras are known.
+    pub(super) fn is_promised(&self) -> bool {
+        self.request.original.is_some() && self.opened.receipt().body.promise.owner_chips.is_some()
+    }
+
+    /// Looks for the cameras of films; those in which the original was not found are left out.
+    ///
+    /// # Errors
+    /// Those of reading films, of the device and of `observer`.
+    pub(super) fn locate(&self, films: &[PathBuf], observer: &mut dyn Observer) -> Result<Located, EngineError> {
+        let mut located = Located::default();
+        let Some(original) = self.request.original.filter(|_| self.is_promised()) else { return Ok(located) };
+        let shared = self.request.cache.locator(self.request.device, original)?;
+        let mut locator = shared.lock().unwrap_or_else(PoisonError::into_inner);
+        for path in films {
+            // Every frame that the message is read in, up to as many as are enough.
+            let options = ReadOptions { framing: Framing::default(), ..self.options.clone() };
+            let most = NonZeroU32::new(DEFAULT_FRAMES).unwrap_or(NonZeroU32::MIN);
+            let Finding { cameras, report } = locator.film(path, &options, most, observer)?;
+            let cameras = cameras.filter(|_| report.verdict == Locating::Located);
+            located.films.extend(cameras.map(|cameras| FilmedSuspect { path: path.clone(), cameras }));
+            located.reports.push(report);
+        }
+        Ok(located)
+    }
+
     /// Compares films with the original; none without films, without the original, or where no chips were written.
     ///
     /// # Errors

@@ -16,6 +16,7 @@ use crate::evidence::id_code::{IdBits, IdCode, IdReading, SearchedP};
 use crate::evidence::judgement::{Evidence, Verdict};
 use crate::evidence::message::Message;
 use crate::evidence::reading::Reading;
+use crate::locate::finding::LocateReport;
 use crate::media::ReadOptions;
 use crate::media::framing::{Crop, Rect};
 use crate::picture::part::Framings;
@@ -34,6 +35,9 @@ pub struct VerifyReport {
     /// What the owner's chips say, where they were read.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub owner_chips: Option<ChipsReading>,
+    /// How the cameras of films were found, where they were looked for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub located: Vec<LocateReport>,
     /// What the evidence rests on: the receipt's commitment. That it is older than the clip, this report cannot say.
     pub commitment: Digest,
     /// Version of the receipt.

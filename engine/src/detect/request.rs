@@ -60,6 +60,9 @@ pub struct VerifyInputs {
     pub suspects: Vec<Suspect>,
     /// Films among them whose cameras are known frame by frame: the owner's chips are read in these.
     pub filmed: Vec<FilmedSuspect>,
+    /// Films among them whose cameras are looked for, to read the chips in them, where none are known and the message
+    /// alone does not prove it.
+    pub locatable: Vec<PathBuf>,
     /// What may have been done to all of it alike, and is undone where that brings it nearer to the claim.
     pub guesses: GuessSearch,
     /// Videos that surely carry no mark; one that is given twice is read once.

@@ -5,7 +5,7 @@ use super::clip_reader::ClipReader;
 use super::controls::Unmarked;
 use super::free_part::FreePart;
 use super::opened::Opened;
-use super::owner_chips::{ChipsReader, ChipsReading, READINGS};
+use super::owner_chips::{ChipsReader, ChipsReading, Located, READINGS};
 use super::report::{BitReading, Choices, ClipReading, Undone, VerifyReport};
 use super::request::{VerifyInputs, VerifyRequest};
 use super::suspect::Suspects;
@@ -61,8 +61,10 @@ impl VerifyRequest<'_> {
         let tried = u32::try_from(guesses.len()).unwrap_or(u32::MAX);
         let claims = self.claims.get().saturating_mul(standing.receipts());
         let chips = ChipsReader { request: self, opened: &opened, options, claims };
-        let owner_chips = chips.read(&inputs.filmed, reader.observer())?;
-        let readings = owner_chips.map_or(1, |_| READINGS);
+        let mut owner_chips = chips.read(&inputs.filmed, reader.observer())?;
+        // Whether the second reading comes about depends on the first, so that it counts either way.
+        let may_locate = inputs.filmed.is_empty() && !inputs.locatable.is_empty() && chips.is_promised();
+        let readings = if owner_chips.is_some() || may_locate { READINGS } else { 1 };
         let chosen = [tried, claims, readings];
         let chosen = chosen.into_iter().fold(extractor.key_rotation.of, u32::saturating_mul);
 
@@ -75,6 +77,11 @@ impl VerifyRequest<'_> {
         }
 
         let evidence = self.weigh(&opened, &suspects, &answer, chosen, &controls)?;
+        let mut located = Located::default();
+        if may_locate && evidence.verdict != Verdict::Present {
+            located = chips.locate(&inputs.locatable, reader.observer())?;
+            owner_chips = chips.read(&located.films, reader.observer())?;
+        }
         let code = promised.id().map(|id| id.code());
         let alone = |clip| ClipReading::of(clip, answer.guess(), &answer.message(), code, &prf);
         let verdict = match owner_chips {
@@ -85,6 +92,7 @@ impl VerifyRequest<'_> {
             verdict,
             evidence,
             owner_chips,
+            located: located.reports,
             commitment: opened.commitment(),
             schema: opened.receipt().schema,
             free_part,

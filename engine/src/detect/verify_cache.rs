@@ -1,6 +1,6 @@
 //! What verifications in one process have in common.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use guard4d_kernels::Device;
 
@@ -9,17 +9,20 @@ use crate::base::digest::Digest;
 use crate::base::held::Held;
 use crate::base::prf::KeyId;
 use crate::error::EngineError;
+use crate::locate::film::Locator;
 use crate::media::Frame;
+use crate::scene::Model;
 use crate::watermark::embed::{EmbedConfig, Subject, refit};
 use crate::watermark::extractor::rotation::KeyRotation;
 use crate::watermark::extractor::weights::ExtractorWeights;
 
-/// The program's own clips, and the extractor that was fitted last. Both are what they would be if they were made
-/// again: on one device the same to the bit.
+/// The program's own clips, the extractor that was fitted last, and the pictures that were drawn last of an original to
+/// look for in films. All are what they would be if they were made again: on one device the same to the bit.
 #[derive(Debug, Default)]
 pub struct VerifyCache {
     own_clips: Held<(), Arc<Vec<Vec<Frame>>>>,
     fitted: Held<FittedTo, Arc<ExtractorWeights>>,
+    locator: Held<Digest, Arc<Mutex<Locator>>>,
 }
 
 /// All that an extractor follows from.
@@ -38,11 +41,20 @@ impl VerifyCache {
     pub fn forget(&self) {
         self.own_clips.forget();
         self.fitted.forget();
+        self.locator.forget();
     }
 
     /// [`own_clips`], filmed when they are first asked for.
     pub(super) fn own_clips(&self, device: &Device) -> Result<Arc<Vec<Vec<Frame>>>, EngineError> {
         self.own_clips.get((), || own_clips(device).map(Arc::new))
+    }
+
+    /// What looks for an original in films; one film at a time.
+    ///
+    /// # Errors
+    /// Those of [`Locator::new`].
+    pub fn locator(&self, device: &Device, original: &Model) -> Result<Arc<Mutex<Locator>>, EngineError> {
+        self.locator.get(original.digest(), || Locator::new(device, original).map(|locator| Arc::new(Mutex::new(locator))))
     }
 
     /// [`refit`], unless that is what was done last.

@@ -5,7 +5,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::gray::{Gray, correlation};
 use super::pose::{LENS, PARAMETERS, Pose, TIME};
-use super::stage::{Canvas, Drawn, MOMENTS, Stage, Survey};
+use super::stage::{COVERED, Canvas, Drawn, MOMENTS, Stage};
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::scene::FrameSize;
@@ -21,6 +21,10 @@ const HARDER: f64 = 8.0;
 const REFUSED: usize = 3;
 /// A step that moves nothing by so much is none, px.
 const STILL_PX: f64 = 0.01;
+/// The same of steps that cost many pictures: a fifth of what is asked of cameras by the best of them.
+const STILL_EXACT_PX: f64 = 0.03;
+/// How far parameters are moved to see what they do, px.
+const PROBE_PX: f64 = 0.1;
 /// Contrast that a film of the asset may have: less is not of it, or fitted to nothing.
 const LEAST_GAIN: f64 = 0.3;
 const MOST_GAIN: f64 = 3.0;
@@ -41,8 +45,22 @@ pub struct Plan {
     pub steps: usize,
     /// Whether the lens is free.
     pub lens: bool,
-    /// Whether the asset is drawn at the film's own size, as the film was; else at twice the size of these pictures.
-    pub as_film: bool,
+    /// Whether the moment is free.
+    pub time: bool,
+    /// How the asset is drawn, and what steps follow from.
+    pub way: Way,
+}
+
+/// How steps are found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Way {
+    /// From where points move to, in pictures that are drawn at twice their size.
+    Small,
+    /// The same, in pictures that are drawn at the film's size, as the film was.
+    AsFilm,
+    /// From pictures alone, one on each side for each parameter: many more are drawn. Where a turn hides what moves the
+    /// difference of two slopes has to lead, and both have to be exact for that.
+    Exact,
 }
 
 /// How large pictures are, at most as large as the film's.
@@ -77,18 +95,21 @@ pub struct Fit {
     pub correlation: f64,
     /// How much the picture says of the lens, all else being free: one over its variance; 0 where that was not asked.
     pub lens_weight: f64,
+    /// How many times less is known of the moment because the rest is free; 1 where it is not asked.
+    pub tied: f64,
 }
 
 /// What differs between a film's picture and the asset's.
 struct Compared {
-    seen: Survey,
+    drawn: Drawn,
     left: Difference,
 }
 
 impl Compared {
     /// Beyond which differences count less: where the asset is seen, as most else may be background.
     fn bound(&self) -> f64 {
-        let seen = self.left.residual.iter().zip(&self.seen.points).filter(|(_, point)| point.is_some());
+        let is_seen = |clear: &f32| f64::from(1.0 - clear) >= COVERED;
+        let seen = self.left.residual.iter().zip(&self.drawn.clear.values).filter(|(_, clear)| is_seen(clear));
         let mut sizes: Vec<f64> = seen.map(|(r, _)| r.abs()).collect();
         sizes.sort_by(f64::total_cmp);
         let middle = sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
@@ -119,7 +140,7 @@ fn weights(residual: &[f64], bound: f64) -> Vec<f64> {
 /// # Errors
 /// When memory runs out or the device fails.
 pub fn align(stage: &mut Stage, film: &Gray, begun: &Pose, plan: Plan) -> Result<Fit, EngineError> {
-    let target = Target::new(film, plan.detail.width_px(begun), plan.as_film)?;
+    let target = Target::new(film, plan.detail.width_px(begun), plan.way)?;
     let width = target.picture.width as f64;
     let mut pose = *begun;
     let mut at = target.compare(stage, &pose, None)?;
@@ -129,7 +150,8 @@ pub fn align(stage: &mut Stage, film: &Gray, begun: &Pose, plan: Plan) -> Result
     for _ in 0..plan.steps {
         let Some(step) = slope.normal(&at, bound, pose.lens - begun.lens).step(damping) else { break };
         let moves = step.iter().zip(pose.reach()).map(|(step, reach)| (step * reach * width).powi(2)).sum::<f64>();
-        if !moves.is_finite() || moves.sqrt() < STILL_PX {
+        let still = if plan.way == Way::Exact { STILL_EXACT_PX } else { STILL_PX };
+        if !moves.is_finite() || moves.sqrt() < still {
             break;
         }
         let next = pose.moved(&step);
@@ -146,9 +168,11 @@ pub fn align(stage: &mut Stage, film: &Gray, begun: &Pose, plan: Plan) -> Result
             }
         }
     }
-    let lens_weight = if plan.lens { slope.normal(&at, bound, 0.0).lens_weight() / at.cost(bound) } else { 0.0 };
+    let normal = slope.normal(&at, bound, 0.0);
+    let lens_weight = if plan.lens { normal.known(LENS) / at.cost(bound) } else { 0.0 };
+    let tied = if plan.time && stage.moves() { normal.matrix[(TIME, TIME)] / normal.known(TIME) } else { 1.0 };
     let correlation = correlation(&target.picture, &at.left.shown);
-    Ok(Fit { pose, cost: at.cost(bound), correlation, lens_weight })
+    Ok(Fit { pose, cost: at.cost(bound), correlation, lens_weight, tied })
 }
 
 /// Moments at which a film's picture is like the asset from a pose, the likeliest first: of those that are kept within
@@ -167,7 +191,7 @@ pub fn moments(
     if !stage.moves() {
         return Ok(vec![*pose]);
     }
-    let target = Target::new(film, detail.width_px(pose), false)?;
+    let target = Target::new(film, detail.width_px(pose), Way::Small)?;
     let bound = target.compare(stage, pose, None)?.bound();
     let mut tried = Vec::new();
     for moment in 0..=MOMENTS {
@@ -200,32 +224,72 @@ struct Slope {
 }
 
 impl Slope {
-    /// By where each pixel's point moves to, and the gradient there; of time, by the difference of two pictures.
+    /// What is free in a plan.
     fn at(stage: &mut Stage, film: &Target, at: &Compared, pose: &Pose, plan: Plan) -> Result<Self, EngineError> {
-        let Compared { seen, left } = at;
-        let width = film.picture.width as f64;
         let mut of = [const { None }; PARAMETERS];
-        let known = if plan.lens { TIME } else { LENS };
-        of[..known].fill_with(|| Some(vec![0.0; film.picture.values.len()]));
+        let is_free = |parameter: usize| match parameter {
+            LENS => plan.lens,
+            TIME => plan.time && stage.moves(),
+            _ => true,
+        };
+        let free: Vec<usize> = (0..PARAMETERS).filter(|parameter| is_free(*parameter)).collect();
+        if plan.way != Way::Exact {
+            let known = Self::by_flow(stage, film, at, pose)?;
+            known.into_iter().zip(&mut of).for_each(|(known, of)| *of = Some(known));
+        }
+        for parameter in 0..PARAMETERS {
+            if !free.contains(&parameter) {
+                of[parameter] = None;
+            } else if of[parameter].is_none() {
+                let by = match (parameter, stage.is_rough()) {
+                    (TIME, true) => 1.0 / f64::from(MOMENTS),
+                    _ => PROBE_PX / film.picture.width as f64 / pose.reach()[parameter],
+                };
+                // Time ends.
+                let by = if parameter == TIME && pose.time + by > 1.0 { -by } else { by };
+                let probe = Probe { parameter, by, on_both_sides: plan.way == Way::Exact };
+                of[parameter] = Some(Self::drawn(stage, film, at, pose, probe)?);
+            }
+        }
+        Ok(Self { of })
+    }
+
+    /// By where each pixel's point moves to, and the gradient there: fast, and near enough to lead on.
+    fn by_flow(stage: &mut Stage, film: &Target, at: &Compared, pose: &Pose) -> Result<Vec<Vec<f64>>, EngineError> {
+        let width = film.picture.width as f64;
+        let mut of = vec![vec![0.0; film.picture.values.len()]; TIME];
         // The mean of both gradients: steps are of second order then (Malis 2004).
-        let [own, there] = [&left.shown, &film.picture].map(Gray::slope);
-        for (pixel, point) in seen.points.iter().enumerate() {
+        let [own, there] = [&at.left.shown, &film.picture].map(Gray::slope);
+        for (pixel, point) in stage.points(pose, film.canvas)?.into_iter().enumerate() {
             let Some(flow) = point.and_then(|point| pose.flow(stage.middle(), point)) else { continue };
             let [right, down] = [0, 1].map(|i| 0.5 * f64::from(own[i][pixel] + there[i][pixel]) * width);
-            for (slope, [u, v]) in of.iter_mut().flatten().zip(flow) {
+            for (slope, [u, v]) in of.iter_mut().zip(flow) {
                 slope[pixel] = -(right * u + down * v);
             }
         }
-        if stage.moves() {
-            let forward = stage.time_probe();
-            let probe = if pose.time + forward > 1.0 { -forward } else { forward };
+        Ok(of)
+    }
+
+    /// By the difference of two pictures: this one and one beside it, or, for exact steps, one on each side.
+    fn drawn(
+        stage: &mut Stage,
+        film: &Target,
+        at: &Compared,
+        pose: &Pose,
+        probe: Probe,
+    ) -> Result<Vec<f64>, EngineError> {
+        let Probe { parameter, by, on_both_sides } = probe;
+        let [before, behind] = [if on_both_sides { -by } else { 0.0 }, by].map(|by| {
             let mut step = [0.0; PARAMETERS];
-            step[TIME] = probe;
-            let moved = left.exposure.of(&stage.draw(&pose.moved(&step), film.canvas)?);
-            let change = moved.values.iter().zip(&left.shown.values);
-            of[TIME] = Some(change.map(|(moved, shown)| f64::from(moved - shown) / probe).collect());
-        }
-        Ok(Self { of })
+            step[parameter] = by;
+            pose.moved(&step)
+        });
+        let apart = behind.since(&before)[parameter];
+        let mut shown = |pose| Ok(at.left.exposure.of(&stage.draw(&pose, film.canvas)?).values);
+        let behind: Vec<f32> = shown(behind)?;
+        let before: Result<Vec<f32>, EngineError> =
+            if on_both_sides { shown(before) } else { Ok(at.left.shown.values.clone()) };
+        Ok(before?.iter().zip(behind).map(|(before, behind)| f64::from(behind - before) / apart).collect())
     }
 
     /// What a step solves. `strayed` is how far the lens is from where it began.
@@ -253,6 +317,14 @@ impl Slope {
     }
 }
 
+/// How far which parameter is moved to see what it does.
+#[derive(Clone, Copy)]
+struct Probe {
+    parameter: usize,
+    by: f64,
+    on_both_sides: bool,
+}
+
 /// The normal equations of a step.
 struct Normal {
     matrix: SMatrix<f64, PARAMETERS, PARAMETERS>,
@@ -269,10 +341,10 @@ impl Normal {
         Some(damped.cholesky()?.solve(&self.right).into())
     }
 
-    /// What is said of the lens when all else is free (the Schur complement).
-    fn lens_weight(&self) -> f64 {
+    /// What is said of a parameter when all others are free (the Schur complement).
+    fn known(&self, parameter: usize) -> f64 {
         let inverse = self.matrix.cholesky().map(|factor| factor.inverse());
-        inverse.map_or(0.0, |inverse| 1.0 / inverse[(LENS, LENS)])
+        inverse.map_or(0.0, |inverse| 1.0 / inverse[(parameter, parameter)])
     }
 }
 
@@ -284,18 +356,18 @@ struct Target {
 
 impl Target {
     /// At so many pixels across, or as it is where that is less.
-    fn new(film: &Gray, width_px: u32, as_film: bool) -> Result<Self, EngineError> {
+    fn new(film: &Gray, width_px: u32, way: Way) -> Result<Self, EngineError> {
         let picture = level(film, width_px);
         let size = size_of(&picture)?;
-        let canvas = Canvas { size, drawn: as_film.then(|| size_of(film)).transpose()? };
+        let canvas = Canvas { size, drawn: (way != Way::Small).then(|| size_of(film)).transpose()? };
         Ok(Self { picture, canvas })
     }
 
     /// Draws the asset and takes it from the film.
     fn compare(&self, stage: &mut Stage, pose: &Pose, bound: Option<f64>) -> Result<Compared, EngineError> {
-        let seen = stage.survey(pose, self.canvas)?;
-        let left = difference(&seen.drawn, &self.picture, bound);
-        Ok(Compared { seen, left })
+        let drawn = stage.draw(pose, self.canvas)?;
+        let left = difference(&drawn, &self.picture, bound);
+        Ok(Compared { drawn, left })
     }
 }
 

@@ -4,11 +4,11 @@ use std::ops::Range;
 
 use guard4d_kernels::Device;
 
-use super::align::{Detail, Fit, Plan, align, moments};
+use super::align::{Detail, Fit, Plan, Way, align, moments};
 use super::bank::Bank;
 use super::gray::Gray;
 use super::pose::Pose;
-use super::search::{SCANNED, anywhere, with_lens};
+use super::search::{SCANNED, TIED, anywhere, with_lens};
 use super::shots::{is_same, shots};
 use super::stage::Stage;
 use crate::base::observer::{Observer, Progress};
@@ -31,7 +31,7 @@ const TRIES: usize = 3;
 /// How far the next frame's moment may be from where it is looked for: so much, and as far as that is from the last.
 const NEAR: f64 = 0.06;
 /// Frames of a shot that tell its lens.
-const TELLING: usize = 12;
+const TELLING: usize = 10;
 /// How far a frame is from between its neighbours to be looked at again: in pixels, and of what is usual.
 const APART_PX: f64 = 2.0;
 const APART_OF_USUAL: f64 = 4.0;
@@ -41,10 +41,12 @@ const BESIDE: usize = 4;
 const ALIKE: usize = 3;
 
 /// Steps for a frame whose neighbour is known.
-const NEXT: Plan = Plan { detail: Detail::Radius(40.0), steps: 5, lens: false, as_film: false };
+const NEXT: Plan = Plan { detail: Detail::Radius(40.0), steps: 5, lens: false, time: true, way: Way::Small };
 /// Steps at the end: for those that tell the lens, and for all.
-const TELL: Plan = Plan { detail: Detail::Width(384), steps: 10, lens: true, as_film: true };
-const LAST: Plan = Plan { detail: Detail::Width(384), steps: 8, lens: false, as_film: true };
+const TELL: Plan = Plan { detail: Detail::Width(384), steps: 8, lens: true, time: true, way: Way::AsFilm };
+const TELL_EXACTLY: Plan = Plan { way: Way::Exact, ..TELL };
+const LAST: Plan = Plan { detail: Detail::Width(384), steps: 8, lens: false, time: true, way: Way::AsFilm };
+const LAST_EXACTLY: Plan = Plan { steps: 6, way: Way::Exact, ..LAST };
 
 /// Where the frames of a film were taken.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -216,6 +218,7 @@ impl Locator {
             work.look("the lens")?;
             let at = (2 * number + 1) * frames.len() / (2 * telling);
             let fit = align(stage, &frames[at], &with_lens(fits[at].pose, usual), TELL)?;
+            let fit = if fit.tied > TIED { align(stage, &frames[at], &fit.pose, TELL_EXACTLY)? } else { fit };
             lenses.push(Weighed { value: fit.pose.lens, weight: fit.lens_weight });
         }
         let lens = weighted_median(lenses).unwrap_or(usual);
@@ -224,7 +227,8 @@ impl Locator {
             if at > 0 && is_same(&frames[at], &frames[at - 1]) {
                 fits[at] = fits[at - 1];
             } else {
-                fits[at] = align(stage, &frames[at], &with_lens(fits[at].pose, lens), LAST)?;
+                let fit = align(stage, &frames[at], &with_lens(fits[at].pose, lens), LAST)?;
+                fits[at] = if fit.tied > TIED { align(stage, &frames[at], &fit.pose, LAST_EXACTLY)? } else { fit };
             }
         }
         self.look_again(frames, fits, work)

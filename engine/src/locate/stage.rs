@@ -23,10 +23,8 @@ const FINER: u32 = 2;
 pub const MOMENTS: u32 = 64;
 /// Other moments that are kept: the last steps'.
 const CACHED: usize = 4;
-/// How far time is moved to see what it does, where moments are not rough.
-const FINE_PROBE: f64 = 1.0 / 512.0;
-/// Least share of a pixel that the asset covers for its place to be known.
-const COVERED: f64 = 0.1;
+/// Least share of a pixel that the asset covers to be seen there.
+pub const COVERED: f64 = 0.1;
 
 /// The asset with what draws it.
 #[derive(Debug)]
@@ -99,16 +97,16 @@ impl Stage {
         }
     }
 
+    /// See [`Self::set_rough`].
+    #[must_use]
+    pub fn is_rough(&self) -> bool {
+        self.rough
+    }
+
     /// Whether moments are drawn as the nearest of some that are kept: a network takes several times as long for a
     /// moment as a small picture of it does.
     pub fn set_rough(&mut self, rough: bool) {
         self.rough = rough;
-    }
-
-    /// How far time is moved to see what it does.
-    #[must_use]
-    pub fn time_probe(&self) -> f64 {
-        if self.rough { 1.0 / f64::from(MOMENTS) } else { FINE_PROBE }
     }
 
     /// What a camera sees of the asset at the pose's moment.
@@ -125,11 +123,11 @@ impl Stage {
         Ok(Drawn::of(&pixels.read()?, drawn_at, canvas.size))
     }
 
-    /// The same, and the points that are seen.
+    /// For each pixel of the same picture the point that it shows, where it shows enough of the asset.
     ///
     /// # Errors
     /// When memory runs out or the device fails.
-    pub fn survey(&mut self, pose: &Pose, canvas: Canvas) -> Result<Survey, EngineError> {
+    pub fn points(&mut self, pose: &Pose, canvas: Canvas) -> Result<Vec<Option<DVec3>>, EngineError> {
         let (drawn_at, size) = (canvas.drawn_at()?, canvas.size);
         let plan = self.plan(pose, drawn_at)?;
         let state = self.at(pose.time)?;
@@ -141,16 +139,11 @@ impl Stage {
             }
         };
         let mut rec = self.device.recorder()?;
-        let [mut pixels, mut places] = [
-            self.device.buffer("locate.frame", plan.frame_len())?,
-            self.device.buffer("locate.places", plan.frame_len())?,
-        ];
-        self.renderer.forward(&mut rec, &plan, None, self.background, FrameMut { clip: &mut pixels, index: 0 })?;
+        let mut places = self.device.buffer("locate.places", plan.frame_len())?;
         let offsets = Some(Offsets { data: &as_places.1, bases: OffsetBases::All });
         self.renderer.forward(&mut rec, &plan, offsets, [0.0; 3], FrameMut { clip: &mut places, index: 0 })?;
         rec.submit()?;
         self.as_places = Some(as_places);
-        let drawn = Drawn::of(&pixels.read()?, drawn_at, size);
         // Sums where several drawn pixels are one of the picture, which are as many for all but at the borders.
         let (across, width) = (drawn_at.width() as usize, size.width() as usize);
         let [x_of, y_of] = [(drawn_at.width(), size.width()), (drawn_at.height(), size.height())]
@@ -167,7 +160,7 @@ impl Stage {
         let point = |[x, y, z, covered]: [f64; 4]| {
             (covered >= enough).then(|| self.places.point(DVec3::new(x, y, z) / covered))
         };
-        Ok(Survey { drawn, points: sums.into_iter().map(point).collect() })
+        Ok(sums.into_iter().map(point).collect())
     }
 
     fn plan(&mut self, pose: &Pose, size: FrameSize) -> Result<FramePlan, EngineError> {
@@ -218,15 +211,6 @@ impl Drawn {
             .map(|picture| picture.resized(size.width() as usize, size.height() as usize));
         Self { picture, clear }
     }
-}
-
-/// A picture and what it shows.
-#[derive(Clone, Debug)]
-pub struct Survey {
-    /// The picture.
-    pub drawn: Drawn,
-    /// For each pixel the point that it shows, where it shows enough of the asset.
-    pub points: Vec<Option<DVec3>>,
 }
 
 /// How places are kept as colours: between these, from 0 to 1.
