@@ -14,6 +14,7 @@ use guard4d_kernels::splat::deform::{self, ALL_COLUMNS, DeformedOut, Heads, Rota
 use guard4d_kernels::splat::hexplane::{self, Plane, Planes};
 use guard4d_kernels::splat::project::{self, Projection, View};
 use guard4d_kernels::splat::rasterize::{self, BackwardScratch};
+use guard4d_kernels::splat::rules::Rules;
 use guard4d_kernels::splat::sh::{self, ShInputs, VisibleSplats};
 use guard4d_kernels::splat::tile_bin::{TileBinner, VisibleLists};
 use guard4d_kernels::splat::trajectory::{self, PATH_FLOATS, Paths};
@@ -223,5 +224,6 @@ fn view(camera: &Camera) -> View {
         centre: [camera.cx, camera.cy],
         width: camera.width,
         height: camera.height,
+        rules: Rules::REFERENCE,
     }
 }
