@@ -1,0 +1,3 @@
+//! Presets of other renderers, alone and beside the renderers themselves.
+
+mod presets;
