@@ -53,6 +53,7 @@ const QUADS: Rules = Rules {
     margin: f32::INFINITY,
     extent: Extent::Image,
     reach: QUAD,
+    max_colour: 1.0,
     // What changes a channel by less than half a step of 8 bits is lost in their framebuffers.
     min_alpha: 0.5 / BYTE,
     max_alpha: 1.0,
@@ -168,6 +169,8 @@ fn play_canvas() -> Profile {
         // Quads of fewer than two half pixels from the middle to the edge are left out.
         min_major: 1.0 / (QUAD * QUAD),
         foot: (-4.0f32).exp(),
+        // Of the work buffer. The framebuffer cuts what a splat leaves there, which is no splat's colour.
+        max_colour: 4.0,
         min_alpha: 1.0 / BYTE,
         ..QUADS
     };
@@ -191,7 +194,7 @@ fn gaussian_splats_3d() -> Profile {
 
 /// playcanvas/supersplat at 01e2fdd, `src/shaders/splat-shader.ts`, with the corners of `PlayCanvas`.
 fn super_splat() -> Profile {
-    let rules = Rules { dilation: 0.3 / 4.0, min_minor: 0.1 / 4.0, min_major: 1.0 / (QUAD * QUAD), ..QUADS };
+    let rules = Rules { dilation: 0.3 / 4.0, min_minor: 0.1 / 4.0, max_colour: f32::INFINITY, ..QUADS };
     Profile { rules, storage: Storage::EXACT }
 }
 

@@ -197,7 +197,12 @@ impl Renderer {
 }
 
 fn sh_inputs<'a>(plan: &'a FramePlan, offsets: Option<Offsets<'a>>) -> ShInputs<'a> {
-    ShInputs { sh_coeffs: &plan.sh_coeffs, offsets: offsets.map(|o| (o.data, o.bases)), degree: plan.sh_degree }
+    ShInputs {
+        sh_coeffs: &plan.sh_coeffs,
+        offsets: offsets.map(|o| (o.data, o.bases)),
+        degree: plan.sh_degree,
+        max_colour: plan.lists.rules.max_colour,
+    }
 }
 
 /// The camera as the projection takes it.

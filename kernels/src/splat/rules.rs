@@ -60,6 +60,8 @@ pub struct Rules {
     pub reach: f32,
     /// Falloff is `(exp(-d²/2) - foot) / (1 - foot)`, d in standard deviations; from 0 to below 1.
     pub foot: f32,
+    /// Largest value of a splat's colour channels.
+    pub max_colour: f32,
     /// A splat's alpha below this is none.
     pub min_alpha: f32,
     /// Largest alpha.
@@ -83,6 +85,7 @@ impl Rules {
         extent: Extent::Tiles,
         reach: f32::INFINITY,
         foot: 0.0,
+        max_colour: f32::INFINITY,
         min_alpha: 1.0 / 255.0,
         max_alpha: 0.99,
         stop: Stop::Before,
