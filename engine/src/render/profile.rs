@@ -195,9 +195,9 @@ fn gaussian_splats_3d() -> Profile {
     Profile { rules, storage }
 }
 
-/// playcanvas/supersplat at 01e2fdd, `src/shaders/splat-shader.ts`, with the corners of `PlayCanvas`.
+/// playcanvas/supersplat at 01e2fdd, `src/shaders/splat-shader.ts`: the corners of `PlayCanvas` with a plain falloff.
 fn super_splat() -> Profile {
-    let rules = Rules { dilation: 0.3 / 4.0, min_minor: 0.1 / 4.0, max_colour: BRIGHTEST, ..QUADS };
+    let rules = Rules { foot: 0.0, min_alpha: QUADS.min_alpha, ..play_canvas().rules };
     Profile { rules, storage: Storage::EXACT }
 }
 
