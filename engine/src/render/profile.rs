@@ -18,8 +18,8 @@ use crate::scene::{Gaussians, Motion};
 const QUAD: f32 = 2.0 * std::f32::consts::SQRT_2;
 /// What 8 bits hold.
 const BYTE: f32 = 255.0;
-/// Of colours that are not cut themselves, but in the framebuffer, after every splat: what comes closest to `PlayCanvas`
-/// where a scene shines, among 1, 1.25, 1.5 and 4, and changes nothing elsewhere.
+/// Of colours that are not cut themselves, but in the framebuffer, after every splat: what comes closest to
+/// `PlayCanvas` where a scene shines, among 1, 1.25, 1.5 and 4, and changes nothing elsewhere.
 const BRIGHTEST: f32 = 1.25;
 
 /// How a renderer shows splats.
