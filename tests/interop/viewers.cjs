@@ -1,5 +1,5 @@
-// Films a PLY by another program's viewer of splats, at the viewer's own settings. Arguments: the browser, the folder of
-// npm packages, the viewer (spark, gaussiansplats3d or playcanvas), the PLY, a transforms JSON, a folder for PNGs.
+// Films a PLY by another program's viewer of splats, at the viewer's own settings. Arguments: the browser, the folder
+// of npm packages, the viewer (spark, gaussiansplats3d or playcanvas), the PLY, a transforms JSON, a folder for PNGs.
 "use strict";
 const fs = require("node:fs");
 const http = require("node:http");
@@ -13,7 +13,7 @@ const FAR = 100;
 const PATIENCE_MS = 180_000;
 const SAME_TURNS = 4;
 const MOST_TURNS = 40;
-const TYPES = { ".js": "text/javascript", ".mjs": "text/javascript", ".html": "text/html", ".wasm": "application/wasm" };
+const TYPES = { ".js": "text/javascript", ".mjs": "text/javascript", ".wasm": "application/wasm" };
 
 /** What a page of a viewer does: it leaves `show(camera)`, which draws once more. */
 const PAGES = {
@@ -125,8 +125,13 @@ function page(size) {
 function serve(html) {
     const server = http.createServer((request, response) => {
         const asked = decodeURIComponent(new URL(request.url, "http://localhost").pathname);
-        const file = asked === "/model.ply" ? plyPath : path.join(modules, path.normalize(asked.replace(/^\/modules\//, "/")));
-        const isolated = { "Cross-Origin-Opener-Policy": "same-origin", "Cross-Origin-Embedder-Policy": "require-corp" };
+        const inModules = path.join(modules, path.normalize(asked.replace(/^\/modules\//, "/")));
+        const file = asked === "/model.ply" ? plyPath : inModules;
+        // Shared memory, which a sorter wants, takes both.
+        const isolated = {
+            "Cross-Origin-Opener-Policy": "same-origin",
+            "Cross-Origin-Embedder-Policy": "require-corp",
+        };
         if (asked === "/") {
             response.writeHead(200, { ...isolated, "Content-Type": "text/html" }).end(html);
         } else if (fs.existsSync(file)) {
@@ -159,7 +164,8 @@ async function main() {
     const size = { width, height };
     const server = await serve(page(size));
     const args = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"];
-    const browser = await chromium.launch({ executablePath: browserPath, args: [...args, "--force-color-profile=srgb"] });
+    args.push("--force-color-profile=srgb");
+    const browser = await chromium.launch({ executablePath: browserPath, args });
     const tab = await (await browser.newContext({ viewport: size, deviceScaleFactor: 1 })).newPage();
     tab.setDefaultTimeout(PATIENCE_MS);
     tab.on("pageerror", (error) => console.error(String(error)));
