@@ -1,5 +1,6 @@
 // Films a PLY by another program's viewer of splats, at the viewer's own settings. Arguments: the browser, the folder
-// of npm packages, the viewer (spark, gaussiansplats3d or playcanvas), the PLY, a transforms JSON, a folder for PNGs.
+// of npm packages, the viewer (spark, gaussiansplats3d or playcanvas), the PLY, a transforms JSON, a folder for
+// pictures.
 "use strict";
 const fs = require("node:fs");
 const http = require("node:http");
