@@ -93,7 +93,8 @@ fn twin_gradient_agrees_with_differences_by_other_rules() {
 fn twin_pixels_are_what_the_rules_say() {
     // Of a splat of opacity 1/2 and standard deviation 5 px in the middle of pixel 31.5: alpha 5 px from the middle.
     let means = [0.0, 0.0, 2.0, 0.0].to_vec();
-    let scene = Scene { means, scales: vec![-2.302_585, -2.302_585, -2.302_585, 0.0], quats: vec![1.0, 0.0, 0.0, 0.0] };
+    let log = 0.1f32.ln();
+    let scene = Scene { means, scales: vec![log, log, log, 0.0], quats: vec![1.0, 0.0, 0.0, 0.0] };
     let view = View {
         world_to_camera: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
         focal: [100.0; 2],
