@@ -14,6 +14,7 @@ use guard4d_kernels::splat::deform::{self, ALL_COLUMNS, DeformedOut, Heads, Rota
 use guard4d_kernels::splat::hexplane::{self, Plane, Planes};
 use guard4d_kernels::splat::project::{self, Projection, View};
 use guard4d_kernels::splat::rasterize::{self, BackwardScratch};
+use guard4d_kernels::splat::rules::Rules;
 use guard4d_kernels::splat::sh::{self, ShInputs, VisibleSplats};
 use guard4d_kernels::splat::tile_bin::{TileBinner, VisibleLists};
 use guard4d_kernels::splat::trajectory::{self, PATH_FLOATS, Paths};
@@ -70,7 +71,8 @@ fn whole(bench: &mut Bench, scene: &str, state: &SplatState, camera: &Camera) ->
     let count = binner.build(&view, state.raw(), n, Prune::Remove)?.0.num_visible;
     let mut colours = device.buffer("colours", 4 * count)?;
     let mut picture = device.buffer("frame", 4 * camera.width as usize * camera.height as usize)?;
-    let sh = ShInputs { sh_coeffs: state.sh_coeffs(), offsets: None, degree: state.sh_degree() };
+    let sh =
+        ShInputs { sh_coeffs: state.sh_coeffs(), offsets: None, degree: state.sh_degree(), max_colour: f32::INFINITY };
     let mut once = || {
         let started = Instant::now();
         let (lists, _) = binner.build(&view, state.raw(), n, Prune::Remove)?;
@@ -167,7 +169,8 @@ fn colours(bench: &mut Bench, state: &SplatState, lists: &VisibleLists, bases: O
     let v_colours = bench.data("v_colours", 4 * count)?;
     let visible = VisibleSplats { dirs: &lists.dirs, splat_from_visible: &lists.splat_from_visible, count };
     let degree = state.sh_degree();
-    let sh = ShInputs { sh_coeffs: state.sh_coeffs(), offsets: Some((&offsets, bases)), degree };
+    let sh =
+        ShInputs { sh_coeffs: state.sh_coeffs(), offsets: Some((&offsets, bases)), degree, max_colour: f32::INFINITY };
     let work = Work::Bytes((count * (228 + row)) as f64, "V·(16 + 4 + 192 + offsets + 16)");
     bench.passes(&format!("splat/sh forward {count} splats, degree {degree}, {name}"), work, |rec| {
         sh::forward(rec, &sh, &visible, &mut colours)
@@ -185,7 +188,8 @@ fn fixed_colours(bench: &mut Bench, n: usize, lists: &VisibleLists) -> Outcome {
     let mut v_offsets = bench.device.buffer("v_offsets", offsets.len())?;
     let mut colours = bench.device.buffer("colours", 4 * count)?;
     let v_colours = bench.data("v_colours", 4 * count)?;
-    let visible = BaseColours { base: &base, splat_from_visible: &lists.splat_from_visible, count };
+    let (splat_from_visible, max_colour) = (&lists.splat_from_visible, f32::INFINITY);
+    let visible = BaseColours { base: &base, splat_from_visible, count, max_colour };
     let work = Work::Bytes((52 * count) as f64, "V·(3·16 + 4)");
     bench.passes(&format!("splat/dc_colour forward {count} splats"), work, |rec| {
         dc_colour::forward(rec, &visible, Some(&offsets), &mut colours)
@@ -223,5 +227,6 @@ fn view(camera: &Camera) -> View {
         centre: [camera.cx, camera.cy],
         width: camera.width,
         height: camera.height,
+        rules: Rules::REFERENCE,
     }
 }

@@ -7,6 +7,7 @@ use guard4d_engine::base::output::AtomicFile;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::media::Frame;
 use guard4d_engine::render::SceneRenderer;
+use guard4d_engine::render::profile::Viewer;
 
 use crate::flags::common::Common;
 use crate::flags::film::FilmArgs;
@@ -23,6 +24,13 @@ use crate::ui::stop;
 pub(crate) struct RenderArgs {
     /// Model, as `inspect` can read it: a folder, or a file of splats
     model: PathBuf,
+    /// Renderer whose pictures are wanted: reference, gsplat, gsplat-antialiased, spark, playcanvas,
+    /// gaussian-splats-3d, supersplat or antimatter15
+    ///
+    /// Viewers differ in how they widen, cut, bend, sort and round splats; each is drawn as it is at its own settings.
+    /// Backgrounds stay the model's.
+    #[arg(long = "as", value_name = "NAME", default_value = "reference", hide_default_value = true)]
+    viewer: Viewer,
     #[command(flatten)]
     views: EvaluationViews,
     #[command(flatten)]
@@ -53,7 +61,8 @@ pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<Outcome, EngineE
     let clips = cameras.clips();
     let total: usize = clips.iter().map(Vec::len).sum();
     let progress = bar(common, total as u64);
-    let mut renderer = SceneRenderer::new(&device, &model.gaussians, &model.motion, model.background)?;
+    let (profile, background) = (args.viewer.profile(), model.background);
+    let mut renderer = SceneRenderer::by_profile(&device, &model.gaussians, &model.motion, background, &profile)?;
     let shoot = |each: &mut dyn FnMut(Frame) -> Result<(), EngineError>| {
         renderer.render_clips(&clips, |_, camera, pixels| {
             stop::check()?;

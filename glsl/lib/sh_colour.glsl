@@ -26,3 +26,13 @@ vec3 sh_unclamped(vec3 raw, vec3 v) {
     vec3 above = mix(v, vec3(0.0), lessThan(raw, vec3(0.0)));
     return mix(above, v, isnan(raw));
 }
+
+// Colour from what it is before the clamp, at most `most`.
+vec3 sh_clamped(vec3 raw, float most) {
+    return sh_unclamped(raw, mix(raw, vec3(most), greaterThan(raw, vec3(most))));
+}
+
+// Gradient of the colour before the clamp from that of the colour.
+vec3 sh_v_raw(vec3 raw, vec3 v, float most) {
+    return sh_unclamped(raw, mix(v, vec3(0.0), greaterThan(raw, vec3(most))));
+}

@@ -1,4 +1,4 @@
-// Exact culling of 8x8 tiles: whether some point of the tile can reach alpha >= 1/255.
+// Exact culling of 8x8 tiles: whether some point of the tile can be reached.
 
 // What the test needs of one splat.
 struct TileTest {
@@ -11,8 +11,7 @@ struct TileTest {
 TileTest tile_test(vec4 shape, vec4 rest) {
     precise vec3 conic = -vec3(shape.zw, rest.x);
     precise vec2 slope = -0.5 * conic.y / vec2(conic.z, conic.x);
-    precise float reach = log2(rest.y * 255.0) + 1e-3;
-    return TileTest(shape.xy, conic, slope, reach);
+    return TileTest(shape.xy, conic, slope, rest.w);
 }
 
 // Smallest exponent over the edge point `d`, less what f32 rounding of its terms can amount to.

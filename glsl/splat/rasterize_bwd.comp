@@ -13,10 +13,16 @@ layout(local_size_x = 8) in;
 #include "lib/texels.glsl"
 #include "lib/shuffle.glsl"
 #include "lib/lanes.glsl"
-#include "lib/raster.glsl"
 layout(constant_id = 0) const uint PACKED = 1;
 #include "lib/isect.glsl"
-layout(push_constant) uniform Params { uint width, height, tiles_x, num_active, tile_stride, in_offset; } p;
+layout(constant_id = 1) const uint PLAIN = 1;
+#include "lib/raster.glsl"
+#include "lib/blend.glsl"
+layout(push_constant) uniform Params {
+    uint width, height, tiles_x, num_active, tile_stride, in_offset;
+    float min_alpha, max_alpha, span, foot;
+    uint behind;
+} p;
 TEXELS_F32(0, geom);
 TEXELS_F32(1, v_image);
 TEXELS_U32(2, splat_from_isect);
@@ -29,6 +35,7 @@ layout(set = 0, binding = 5) buffer VSlots { vec4 v_slots[]; };
 void main() {
     uint lane = gl_LocalInvocationID.x;
     if (workgroup_index() >= p.num_active) return;
+    Rules rules = Rules(p.min_alpha, p.max_alpha, p.span, p.foot, p.behind);
     uint tile = texel_pick(tile_order, interleaved(workgroup_index(), p.tile_stride, p.num_active));
     uint x = (tile % p.tiles_x) * 8u + lane, y = (tile / p.tiles_x) * 8u;
     float px = float(x), py = float(y);
@@ -63,7 +70,7 @@ void main() {
             float c = lane_shuffle(rest.x, j);
             sr[j] = sg[j] = sb[j] = 0.0;
             [[unroll]] for (int k = 0; k < 8; ++k) {
-                float weight = blend_weight(splat_alpha(peak, bx, c, lo, top - float(k)), t[k]);
+                float weight = blend_weight(rules, splat_alpha(rules, peak, bx, c, lo, top - float(k)), t[k]);
                 sr[j] += weight * v[k].x;
                 sg[j] += weight * v[k].y;
                 sb[j] += weight * v[k].z;

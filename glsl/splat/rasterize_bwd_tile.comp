@@ -13,11 +13,17 @@
 //     those NaN
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
-#include "lib/raster.glsl"
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint PACKED = 1;
 #include "lib/isect.glsl"
-layout(push_constant) uniform Params { uint width, height, tiles_x, num_active, tile_stride, in_offset; } p;
+layout(constant_id = 1) const uint PLAIN = 1;
+#include "lib/raster.glsl"
+#include "lib/blend.glsl"
+layout(push_constant) uniform Params {
+    uint width, height, tiles_x, num_active, tile_stride, in_offset;
+    float min_alpha, max_alpha, span, foot;
+    uint behind;
+} p;
 layout(set = 0, binding = 0) readonly buffer Geom { vec4 geom[]; };
 layout(set = 0, binding = 1) readonly buffer VImage { vec4 v_image[]; };
 layout(set = 0, binding = 2) readonly buffer SplatFromIsect { uint splat_from_isect[]; };
@@ -41,6 +47,7 @@ shared vec4 sum_of_part[PIXELS];
 void main() {
     uint id = gl_LocalInvocationID.x;
     if (workgroup_index() >= p.num_active) return;
+    Rules rules = Rules(p.min_alpha, p.max_alpha, p.span, p.foot, p.behind);
     uint tile = tile_order[interleaved(workgroup_index(), p.tile_stride, p.num_active)];
     uint x = (tile % p.tiles_x) * 8u + id % 8u, y = (tile / p.tiles_x) * 8u + id / 8u;
     bool inside = x < p.width && y < p.height;
@@ -64,8 +71,9 @@ void main() {
                 vec4 shape = batch_shape[j + u];
                 vec2 rest = batch_rest[j + u];
                 float dx = shape.x - float(x);
-                float alpha = splat_alpha(shape.z * dx * dx + rest.y, shape.w * dx, rest.x, rest.y, shape.y - float(y));
-                weights[(j + u) * WEIGHT_STRIDE + id] = blend_weight(alpha, t);
+                float peak = shape.z * dx * dx + rest.y;
+                float alpha = splat_alpha(rules, peak, shape.w * dx, rest.x, rest.y, shape.y - float(y));
+                weights[(j + u) * WEIGHT_STRIDE + id] = blend_weight(rules, alpha, t);
             }
             j += 8u;
         } while (j < BATCH);

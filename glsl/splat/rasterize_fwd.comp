@@ -12,14 +12,18 @@ layout(local_size_x = 8) in;
 #include "lib/texels.glsl"
 #include "lib/shuffle.glsl"
 #include "lib/lanes.glsl"
-#include "lib/raster.glsl"
 // 1 when no tile juts out of the image and no workgroup is one too many: then nothing is stored under a mask.
 layout(constant_id = 0) const uint WHOLE = 0;
 layout(constant_id = 1) const uint PACKED = 1;
 #include "lib/isect.glsl"
+layout(constant_id = 2) const uint PLAIN = 1;
+#include "lib/raster.glsl"
+#include "lib/blend.glsl"
 layout(push_constant) uniform Params {
     uint width, height, tiles_x, num_active, tile_stride, out_offset;
     float background_r, background_g, background_b;
+    float min_alpha, max_alpha, span, foot;
+    uint behind;
 } p;
 TEXELS_F32(0, geom);
 TEXELS_F32(1, colours);
@@ -31,6 +35,7 @@ layout(set = 0, binding = 4) buffer Image { vec4 image[]; };
 void main() {
     uint lane = gl_LocalInvocationID.x;
     if (WHOLE == 0u && workgroup_index() >= p.num_active) return;
+    Rules rules = Rules(p.min_alpha, p.max_alpha, p.span, p.foot, p.behind);
     uint tile = texel_pick(tile_order, interleaved(workgroup_index(), p.tile_stride, p.num_active));
     uint x = (tile % p.tiles_x) * 8u + lane, y = (tile / p.tiles_x) * 8u;
     float px = float(x), py = float(y);
@@ -66,7 +71,8 @@ void main() {
         }
         [[unroll]] for (int k = 0; k < 8; ++k) {
             [[unroll]] for (int j = 0; j < 8; ++j) {
-                float weight = blend_weight(splat_alpha(peak[j], bx[j], c[j], lo[j], top[j] - float(k)), t[k]);
+                float alpha = splat_alpha(rules, peak[j], bx[j], c[j], lo[j], top[j] - float(k));
+                float weight = blend_weight(rules, alpha, t[k]);
                 r[k] += weight * cr[j];
                 g[k] += weight * cg[j];
                 b[k] += weight * cb[j];

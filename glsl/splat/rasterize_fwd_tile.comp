@@ -10,13 +10,17 @@
 //     NaN
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
-#include "lib/raster.glsl"
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint PACKED = 1;
 #include "lib/isect.glsl"
+layout(constant_id = 1) const uint PLAIN = 1;
+#include "lib/raster.glsl"
+#include "lib/blend.glsl"
 layout(push_constant) uniform Params {
     uint width, height, tiles_x, num_active, tile_stride, out_offset;
     float background_r, background_g, background_b;
+    float min_alpha, max_alpha, span, foot;
+    uint behind;
 } p;
 layout(set = 0, binding = 0) readonly buffer Geom { vec4 geom[]; };
 layout(set = 0, binding = 1) readonly buffer Colours { vec4 colours[]; };
@@ -34,6 +38,7 @@ shared uint live;
 void main() {
     uint id = gl_LocalInvocationID.x;
     if (workgroup_index() >= p.num_active) return;
+    Rules rules = Rules(p.min_alpha, p.max_alpha, p.span, p.foot, p.behind);
     uint tile = tile_order[interleaved(workgroup_index(), p.tile_stride, p.num_active)];
     uint x = (tile % p.tiles_x) * 8u + id % 8u, y = (tile / p.tiles_x) * 8u + id / 8u;
     bool inside = x < p.width && y < p.height;
@@ -56,8 +61,9 @@ void main() {
                 vec4 shape = batch_shape[j + u];
                 vec2 rest = batch_rest[j + u];
                 float dx = shape.x - float(x);
-                float alpha = splat_alpha(shape.z * dx * dx + rest.y, shape.w * dx, rest.x, rest.y, shape.y - float(y));
-                sum += blend_weight(alpha, t) * batch_colour[j + u].rgb;
+                float peak = shape.z * dx * dx + rest.y;
+                float alpha = splat_alpha(rules, peak, shape.w * dx, rest.x, rest.y, shape.y - float(y));
+                sum += blend_weight(rules, alpha, t) * batch_colour[j + u].rgb;
             }
             j += 8u;
         } while (j < min(BATCH, end - at));

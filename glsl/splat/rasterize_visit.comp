@@ -9,8 +9,14 @@ layout(local_size_x = 8) in;
 #include "lib/texels.glsl"
 #include "lib/shuffle.glsl"
 #include "lib/lanes.glsl"
+layout(constant_id = 0) const uint PLAIN = 1;
 #include "lib/raster.glsl"
-layout(push_constant) uniform Params { uint width, height, tiles_x, num_active, tile_stride; } p;
+#include "lib/blend.glsl"
+layout(push_constant) uniform Params {
+    uint width, height, tiles_x, num_active, tile_stride;
+    float min_alpha, max_alpha, span, foot;
+    uint behind;
+} p;
 TEXELS_F32(0, geom);
 TEXELS_U32(1, slot_from_isect);
 TEXELS_U32(2, splat_from_slot);
@@ -22,6 +28,7 @@ layout(set = 0, binding = 5) buffer KeptSlot { uint kept_slot[]; };
 void main() {
     uint lane = gl_LocalInvocationID.x;
     if (workgroup_index() >= p.num_active) return;
+    Rules rules = Rules(p.min_alpha, p.max_alpha, p.span, p.foot, p.behind);
     uint tile = texel_pick(tile_order, interleaved(workgroup_index(), p.tile_stride, p.num_active));
     uint x = (tile % p.tiles_x) * 8u + lane, y = (tile / p.tiles_x) * 8u;
     float px = float(x), py = float(y);
@@ -50,9 +57,9 @@ void main() {
             float c = lane_shuffle(rest.x, j);
             hits[j] = 0.0;
             [[unroll]] for (int k = 0; k < 8; ++k) {
-                float alpha = splat_alpha(peak, bx, c, lo, top - float(k));
+                float alpha = splat_alpha(rules, peak, bx, c, lo, top - float(k));
                 hits[j] += alpha > 0.0 && t[k] > 0.0 ? 1.0 : 0.0;
-                blend_weight(alpha, t[k]);
+                blend_weight(rules, alpha, t[k]);
             }
         }
         uint kept = transposed_sum(hits, lane) > 0.0 ? 1u : 0u;

@@ -6,9 +6,15 @@
 //   Splats come in batches of 64 through 2.25 KiB of shared memory.
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
-#include "lib/raster.glsl"
 layout(local_size_x = 64) in;
-layout(push_constant) uniform Params { uint width, height, tiles_x, num_active, tile_stride; } p;
+layout(constant_id = 0) const uint PLAIN = 1;
+#include "lib/raster.glsl"
+#include "lib/blend.glsl"
+layout(push_constant) uniform Params {
+    uint width, height, tiles_x, num_active, tile_stride;
+    float min_alpha, max_alpha, span, foot;
+    uint behind;
+} p;
 layout(set = 0, binding = 0) readonly buffer Geom { vec4 geom[]; };
 layout(set = 0, binding = 1) readonly buffer SlotFromIsect { uint slot_from_isect[]; };
 layout(set = 0, binding = 2) readonly buffer SplatFromSlot { uint splat_from_slot[]; };
@@ -25,6 +31,7 @@ shared uint batch_kept[BATCH];
 void main() {
     uint id = gl_LocalInvocationID.x;
     if (workgroup_index() >= p.num_active) return;
+    Rules rules = Rules(p.min_alpha, p.max_alpha, p.span, p.foot, p.behind);
     uint tile = tile_order[interleaved(workgroup_index(), p.tile_stride, p.num_active)];
     uint x = (tile % p.tiles_x) * 8u + id % 8u, y = (tile / p.tiles_x) * 8u + id / 8u;
     uint at = tile_offsets[tile], end = tile_offsets[tile + 1u];
@@ -45,9 +52,10 @@ void main() {
                 vec4 shape = batch_shape[j + u];
                 vec2 rest = batch_rest[j + u];
                 float dx = shape.x - float(x);
-                float alpha = splat_alpha(shape.z * dx * dx + rest.y, shape.w * dx, rest.x, rest.y, shape.y - float(y));
+                float peak = shape.z * dx * dx + rest.y;
+                float alpha = splat_alpha(rules, peak, shape.w * dx, rest.x, rest.y, shape.y - float(y));
                 if (t > 0.0 && alpha > 0.0) atomicOr(batch_kept[j + u], 1u);
-                blend_weight(alpha, t);
+                blend_weight(rules, alpha, t);
             }
             j += 8u;
         } while (j < min(BATCH, end - at));

@@ -2,7 +2,7 @@
 // splat/sh_bwd: gradient of the offsets from the gradient of the colours. One invocation per visible splat.
 //   in   sh_coeffs [N,16,3]   offsets, N rows of OFFSET_TEXELS   dirs [V,4]   splat_from_visible [V]   v_colours [V,4]
 //   in   v_before: v_offsets as texels
-//   out  v_offsets like offsets += Y_j(d) v_colour, per channel zero where the colour before the clamp is < 0
+//   out  v_offsets like offsets += Y_j(d) v_colour, per channel zero where the colour is clamped
 //   Rows of sh_coeffs and offsets are a piece of all: splats first_splat to first_splat + num_splats - 1.
 //   OFFSET_TEXELS: 1 (the DC term) or 12 (like sh_coeffs)
 #extension GL_EXT_control_flow_attributes : require
@@ -14,7 +14,7 @@ layout(local_size_x = 64) in;
 #include "lib/texels.glsl"
 layout(constant_id = 0) const uint DEGREE = 3;
 layout(constant_id = 1) const uint OFFSET_TEXELS = 12;
-layout(push_constant) uniform Params { uint num_visible, first_splat, num_splats; } p;
+layout(push_constant) uniform Params { uint num_visible, first_splat, num_splats; float max_colour; } p;
 TEXELS_F32(0, sh_coeffs);
 TEXELS_F32(1, offsets);
 TEXELS_F32(2, dirs);
@@ -38,7 +38,7 @@ void main() {
         if (OFFSET_TEXELS == 12u && q < int(sh_texels(DEGREE))) h[q] += texel_load(offsets, int(offset_row) + q);
     }
     if (OFFSET_TEXELS == 1u) h[0].xyz += texel_load(offsets, int(offset_row)).xyz;
-    vec3 v = sh_unclamped(sh_raw_colour(h, y, DEGREE), texel_load(v_colours, int(i)).xyz);
+    vec3 v = sh_v_raw(sh_raw_colour(h, y, DEGREE), texel_load(v_colours, int(i)).xyz, p.max_colour);
     if (OFFSET_TEXELS == 1u) {
         v_offsets[offset_row] = texel_load(v_before, int(offset_row)) + vec4(y[0] * v, 0.0);
     } else {

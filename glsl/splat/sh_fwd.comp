@@ -1,9 +1,9 @@
 #version 460
 // splat/sh_fwd: view-dependent colour of each visible splat, Kerbl et al. 2023. One invocation per visible splat.
 //   in   sh_coeffs [N,16,3]   offsets, N rows of OFFSET_TEXELS   dirs [V,4] unit   splat_from_visible [V]
-//   out  colours [V,4] = max(0, 1/2 + sum_j Y_j(d) (h_j + delta_j)), NaN stays, 4th channel 0 (=)
+//   out  colours [V,4] = max(0, 1/2 + sum_j Y_j(d) (h_j + delta_j)), at most max_colour, NaN stays, 4th channel 0 (=)
 //   Rows of sh_coeffs and offsets are a piece of all: splats first_splat to first_splat + num_splats - 1.
-//   OFFSET_TEXELS: 0, 1 (the DC term) or 12 (like sh_coeffs)   CLAMP: 0 leaves out the max
+//   OFFSET_TEXELS: 0, 1 (the DC term) or 12 (like sh_coeffs)   CLAMP: 0 leaves out both
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "lib/grid.glsl"
@@ -14,7 +14,7 @@ layout(local_size_x = 64) in;
 layout(constant_id = 0) const uint DEGREE = 3;
 layout(constant_id = 1) const uint OFFSET_TEXELS = 12;
 layout(constant_id = 2) const uint CLAMP = 1;
-layout(push_constant) uniform Params { uint num_visible, first_splat, num_splats; } p;
+layout(push_constant) uniform Params { uint num_visible, first_splat, num_splats; float max_colour; } p;
 TEXELS_F32(0, sh_coeffs);
 TEXELS_F32(1, offsets);
 TEXELS_F32(2, dirs);
@@ -37,5 +37,5 @@ void main() {
     }
     if (OFFSET_TEXELS == 1u) h[0].xyz += texel_load(offsets, offset_row).xyz;
     vec3 raw = sh_raw_colour(h, y, DEGREE);
-    colours[i] = vec4(CLAMP == 1u ? sh_unclamped(raw, raw) : raw, 0.0);
+    colours[i] = vec4(CLAMP == 1u ? sh_clamped(raw, p.max_colour) : raw, 0.0);
 }

@@ -311,3 +311,22 @@ fn results_that_cannot_be_printed_are_an_error() {
         Run::of(command.stdout(full).stderr(Stdio::piped()).spawn().and_then(Child::wait_with_output).expect("runs"));
     run.refused(74, &["stdout", "No space left on device"]);
 }
+
+#[test]
+fn a_film_is_drawn_as_a_viewer_draws_it() {
+    let Some(_gpu) = device() else { return };
+    let folder = scratch();
+    let model = put(folder.path(), "scene.ply", &ply::encode(&gaussians(40, 1, 1)));
+    let filmed = |name: &str, flags: &[&str]| {
+        let out = folder.path().join(name);
+        let render: [&dyn AsRef<OsStr>; 8] = [&"render", &model, &"--size", &"48x48", &"--orbit", &"1", &"--out", &out];
+        let flags: Vec<&dyn AsRef<OsStr>> = flags.iter().map(|flag| flag as &dyn AsRef<OsStr>).collect();
+        guard4d(&[&render[..], &flags].concat()).done();
+        read_clip(&out, &ReadOptions::default()).expect("a film").frames()[0].rgb().to_vec()
+    };
+    let plain = filmed("plain", &[]);
+    assert!(plain == filmed("reference", &["--as", "reference"]), "the reference is what is drawn anyway");
+    assert!(plain != filmed("playcanvas", &["--as", "playcanvas"]), "others draw otherwise");
+    let out = folder.path().join("none");
+    guard4d(&[&"render", &model, &"--out", &out, &"--as", &"polycam"]).refused(2, &["reference, gsplat"]);
+}

@@ -41,7 +41,7 @@ fn run(gpu: &Device, bases: OffsetBases) -> [Vec<u32>; 6] {
     let config = AdamConfig { lr: 1e-2, keep: 0.9, tail, ..AdamConfig::default() };
     for _ in 0..2 {
         let mut rec = gpu.recorder().expect("recorder");
-        let unmarked = ShInputs { sh_coeffs: &coeffs, offsets: None, degree: 3 };
+        let unmarked = ShInputs { sh_coeffs: &coeffs, offsets: None, degree: 3, max_colour: f32::INFINITY };
         let marked = ShInputs { offsets: Some((&offsets, bases)), ..unmarked };
         sh::before_clamp(&mut rec, &unmarked, &seen, &mut base).expect("records");
         sh::forward(&mut rec, &marked, &seen, &mut colours).expect("records");

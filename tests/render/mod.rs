@@ -1,8 +1,10 @@
 //! Deformation and rendering of whole scenes, end to end.
 
 mod deform;
+mod profile;
 mod renderer;
 mod scene_renderer;
+mod storage;
 
 use guard4d_engine::error::EngineError;
 use guard4d_engine::render::{FrameMut, FramePlan, Offsets, Renderer};

@@ -10,6 +10,7 @@ use super::pose::{Middle, Pose};
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::render::deform::{DeformField, SplatState};
+use crate::render::profile::Profile;
 use crate::render::{FrameMut, FramePlan, OffsetBases, Offsets, Prune, Renderer};
 use crate::scene::camera::paths::USUAL_FOV_X_RAD;
 use crate::scene::gaussians::{SH_FLOATS, Y0};
@@ -50,14 +51,22 @@ impl Stage {
     /// # Errors
     /// When memory runs out or the device fails.
     pub fn new(device: &Device, model: &Model) -> Result<Self, EngineError> {
+        Self::by_profile(device, model, &Profile::REFERENCE)
+    }
+
+    /// Of an asset that is shown as another renderer shows it.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub fn by_profile(device: &Device, model: &Model, profile: &Profile) -> Result<Self, EngineError> {
+        let field = || profile.upload(device, &model.gaussians, &model.motion);
         let look_at = LookAt::of(model, USUAL_FOV_X_RAD);
         let places = Places::about(middle(look_at));
         Ok(Self {
             device: device.clone(),
-            rough_field: DeformField::new(device, &model.gaussians, &model.motion)?
-                .with_cached_times(MOMENTS as usize + 1),
-            field: DeformField::new(device, &model.gaussians, &model.motion)?.with_cached_times(CACHED),
-            renderer: Renderer::new(device)?,
+            rough_field: field()?.with_cached_times(MOMENTS as usize + 1),
+            field: field()?.with_cached_times(CACHED),
+            renderer: Renderer::new(device)?.with_rules(profile.rules),
             background: model.background,
             look_at,
             moves: !model.motion.is_still(),

@@ -2,11 +2,14 @@
 
 pub mod deform;
 mod plan;
+pub mod profile;
 mod renderer;
 mod scene_renderer;
+pub mod storage;
 
 pub use guard4d_kernels::shape::OffsetBases;
 pub use guard4d_kernels::splat::rasterize::{Frame, FrameMut};
+pub use guard4d_kernels::splat::rules::{Extent, Opacity, Rules, SortKey, Stop};
 pub use guard4d_kernels::splat::tile_bin::Prune;
 pub use plan::FramePlan;
 pub use renderer::{Offsets, Renderer};

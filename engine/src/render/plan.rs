@@ -81,7 +81,8 @@ impl FramePlan {
     /// The splats with their unmarked colours, when those are kept.
     pub(super) fn base_colours(&self) -> Option<BaseColours<'_>> {
         let (splat_from_visible, count) = (&self.lists.splat_from_visible, self.lists.num_visible);
-        self.base.as_ref().map(|base| BaseColours { base, splat_from_visible, count })
+        let max_colour = self.lists.rules.max_colour;
+        self.base.as_ref().map(|base| BaseColours { base, splat_from_visible, count, max_colour })
     }
 
     /// Keeps `base` instead of the directions, in whose place `none` comes.

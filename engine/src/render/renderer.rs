@@ -6,6 +6,7 @@ use guard4d_kernels::shape::OffsetBases;
 use guard4d_kernels::splat::dc_colour;
 use guard4d_kernels::splat::project::View;
 use guard4d_kernels::splat::rasterize::{self, BackwardScratch, Frame, FrameMut};
+use guard4d_kernels::splat::rules::Rules;
 use guard4d_kernels::splat::sh::{self, ShInputs};
 use guard4d_kernels::splat::tile_bin::{Prune, TileBinner};
 use guard4d_kernels::{Buffer, Device, Recorder};
@@ -28,6 +29,7 @@ pub struct Offsets<'a> {
 #[derive(Debug)]
 pub struct Renderer {
     device: Device,
+    rules: Rules,
     binner: TileBinner,
     colours: Buffer<f32>,
     v_colours: Buffer<f32>,
@@ -35,18 +37,26 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// A renderer on `device`.
+    /// A renderer on `device` that draws as the reference does.
     ///
     /// # Errors
     /// When device memory runs out.
     pub fn new(device: &Device) -> Result<Self, EngineError> {
         Ok(Self {
             device: device.clone(),
+            rules: Rules::REFERENCE,
             binner: TileBinner::new(device)?,
             colours: device.buffer("render.colours", 0)?,
             v_colours: device.buffer("render.v_colours", 0)?,
             backward: BackwardScratch::new(device, 0)?,
         })
+    }
+
+    /// Draws by other rules from now on: plans keep those that they were made by.
+    #[must_use]
+    pub fn with_rules(mut self, rules: Rules) -> Self {
+        self.rules = rules;
+        self
     }
 
     /// Everything about a view that does not depend on colours; runs at once and waits.
@@ -55,7 +65,7 @@ impl Renderer {
     /// When the image is empty or too large, memory runs out, or the device fails.
     #[tracing::instrument(skip_all, fields(width = camera.width, height = camera.height))]
     pub fn plan(&mut self, state: &SplatState, camera: &Camera, prune: Prune) -> Result<FramePlan, EngineError> {
-        let (lists, timings) = self.binner.build(&view(camera), state.raw(), state.len(), prune)?;
+        let (lists, timings) = self.binner.build(&view(camera, self.rules), state.raw(), state.len(), prune)?;
         let plan = FramePlan::new(lists, Arc::clone(state.sh_coeffs()), state.sh_degree());
         tracing::debug!(
             visible = plan.num_visible(),
@@ -187,11 +197,16 @@ impl Renderer {
 }
 
 fn sh_inputs<'a>(plan: &'a FramePlan, offsets: Option<Offsets<'a>>) -> ShInputs<'a> {
-    ShInputs { sh_coeffs: &plan.sh_coeffs, offsets: offsets.map(|o| (o.data, o.bases)), degree: plan.sh_degree }
+    ShInputs {
+        sh_coeffs: &plan.sh_coeffs,
+        offsets: offsets.map(|o| (o.data, o.bases)),
+        degree: plan.sh_degree,
+        max_colour: plan.lists.rules.max_colour,
+    }
 }
 
 /// The camera as the projection takes it.
-fn view(camera: &Camera) -> View {
+fn view(camera: &Camera, rules: Rules) -> View {
     let rows = camera.world_to_camera.transpose().to_cols_array_2d();
     View {
         world_to_camera: [rows[0], rows[1], rows[2]],
@@ -199,5 +214,6 @@ fn view(camera: &Camera) -> View {
         centre: [camera.cx, camera.cy],
         width: camera.width,
         height: camera.height,
+        rules,
     }
 }

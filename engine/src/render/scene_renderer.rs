@@ -4,6 +4,7 @@ use guard4d_kernels::Device;
 use guard4d_kernels::splat::rasterize::FrameMut;
 use guard4d_kernels::splat::tile_bin::Prune;
 
+use super::profile::Profile;
 use super::renderer::Renderer;
 use crate::error::EngineError;
 use crate::media::Frame;
@@ -31,6 +32,21 @@ impl SceneRenderer {
         background: [f32; 3],
     ) -> Result<Self, EngineError> {
         Self::of_field(device, DeformField::new(device, gaussians, motion)?, background)
+    }
+
+    /// Uploads a scene that is shown as another renderer shows it.
+    ///
+    /// # Errors
+    /// When device memory runs out.
+    pub fn by_profile(
+        device: &Device,
+        gaussians: &Gaussians,
+        motion: &Motion,
+        background: [f32; 3],
+        profile: &Profile,
+    ) -> Result<Self, EngineError> {
+        let scene = Self::of_field(device, profile.upload(device, gaussians, motion)?, background)?;
+        Ok(Self { renderer: scene.renderer.with_rules(profile.rules), ..scene })
     }
 
     /// Of a scene that is uploaded.

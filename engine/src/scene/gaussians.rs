@@ -96,7 +96,7 @@ impl Gaussians {
 }
 
 /// DC coefficient of a plain colour, 0 to 1 unless it is brighter than white or darker than black.
-pub(super) fn dc_of_colour(colour: f32) -> f32 {
+pub(crate) fn dc_of_colour(colour: f32) -> f32 {
     narrow((f64::from(colour) - 0.5) / Y0)
 }
 

@@ -16,6 +16,8 @@ pub struct BaseColours<'a> {
     pub splat_from_visible: &'a Buffer<u32>,
     /// V.
     pub count: usize,
+    /// Largest value of a channel; infinite in Kerbl et al. 2023.
+    pub max_colour: f32,
 }
 
 fn check(visible: &BaseColours<'_>, colours: usize) -> Result<(), KernelError> {
@@ -28,7 +30,7 @@ fn check(visible: &BaseColours<'_>, colours: usize) -> Result<(), KernelError> {
 ///
 /// # Shapes
 /// in `visible` \[V\] · `offsets` \[N,4\], none for the unmarked colours · out `colours` \[V,4\] (=), fourth channel 0
-/// # Equation: `max(0, base + Y_0 delta)`: Kerbl et al. 2023 with an offset on h_0
+/// # Equation: `max(0, base + Y_0 delta)`, at most `max_colour`: Kerbl et al. 2023 with an offset on h_0
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors
@@ -47,7 +49,7 @@ pub fn forward(
         colours,
     };
     let spec = dc_colour_fwd::Spec { has_offsets: offsets.is_some().into() };
-    let params = dc_colour_fwd::Params { num_visible: dim(visible.count) };
+    let params = dc_colour_fwd::Params { num_visible: dim(visible.count), max_colour: visible.max_colour };
     rec.dispatch_spec(bind, params, spec, Grid::threads(visible.count))
 }
 
@@ -55,7 +57,7 @@ pub fn forward(
 ///
 /// # Shapes
 /// in `visible` \[V\] · `offsets` \[N,4\] · `v_colours` \[V,4\], fourth channel unread · out `v_offsets` \[N,4\] (+=)
-/// # Equation: `v_delta += Y_0 v_colour`, per channel nothing where the colour before the clamp is < 0
+/// # Equation: `v_delta += Y_0 v_colour`, per channel nothing where the colour is clamped
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors
@@ -78,5 +80,6 @@ pub fn backward(
         v_before: &before,
         v_offsets,
     };
-    rec.dispatch(bind, dc_colour_bwd::Params { num_visible: dim(visible.count) }, Grid::threads(visible.count))
+    let params = dc_colour_bwd::Params { num_visible: dim(visible.count), max_colour: visible.max_colour };
+    rec.dispatch(bind, params, Grid::threads(visible.count))
 }

@@ -5,6 +5,7 @@ pub mod deform;
 pub mod hexplane;
 pub mod project;
 pub mod rasterize;
+pub mod rules;
 pub mod sh;
 pub mod tile_bin;
 pub mod tile_grid;

@@ -1,5 +1,6 @@
 //! Projection to the image plane.
 
+use super::rules::{Extent, Opacity, Rules, SortKey};
 use crate::error::KernelError;
 use crate::registry::splat::project_fwd;
 use crate::scan::radix_sort::SortPairs;
@@ -8,7 +9,7 @@ use crate::vk::{Buffer, Device, Grid, Recorder};
 
 const KERNEL: &str = "splat/project";
 
-/// A pinhole camera, `OpenCV` axes (x right, y down, z forward).
+/// A pinhole camera, `OpenCV` axes (x right, y down, z forward), and how it shows splats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// World to camera, row-major, the last row (0, 0, 0, 1) left out.
@@ -21,6 +22,8 @@ pub struct View {
     pub width: u32,
     /// Image height in px.
     pub height: u32,
+    /// How splats are drawn.
+    pub rules: Rules,
 }
 
 /// Splats before activation.
@@ -38,13 +41,13 @@ pub struct RawSplats<'a> {
 /// Projected splats, in the order of the input.
 #[derive(Debug)]
 pub struct Projection {
-    /// Centre, scaled conic, opacity, depth `[N,8]`; zeros when culled.
+    /// Centre, scaled conic, opacity, depth, exponent of base 2 that still counts `[N,8]`; zeros when culled.
     pub geom: Buffer<f32>,
     /// Unit vector from the camera to the mean `[N,4]`.
     pub dirs: Buffer<f32>,
     /// Tiles of 8 x 8 px that can see the splat `[N,4]`: x0, y0, x1, y1; empty when culled.
     pub tile_rects: Buffer<u32>,
-    /// Bits of the view depth as keys, the splats as values `[N]`.
+    /// Bits of the view depth, or of the distance, as keys, the splats as values `[N]`.
     pub order: SortPairs,
 }
 
@@ -74,9 +77,9 @@ impl Projection {
 /// # Shapes
 /// in `splats` \[N,4\] each · out `out` (=), depths not yet sorted
 /// # Equation
-/// EWA splatting, Zwicker et al. 2001; near plane, blur, radius and frustum clamp as in Kerbl et al.
-/// 2023 (the constants stand in the shader). A splat is culled when its projection is not finite,
-/// when its opacity never reaches the alpha threshold, or when no 16 x 16 tile meets its 3-sigma square.
+/// EWA splatting, Zwicker et al. 2001; near plane as in Kerbl et al. 2023, the rest by the rules of the view (those of
+/// Kerbl et al. 2023 stand in the shader as constants too). A splat is culled when its projection is not finite, when
+/// its opacity never reaches the alpha threshold, when the rules do not draw it, or when it reaches no tile.
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors
@@ -109,11 +112,13 @@ pub fn forward(
         depth_keys: &mut out.order.keys,
         order: &mut out.order.values,
     };
-    rec.dispatch(bind, params(view, n), Grid::threads(n))
+    let spec = project_fwd::Spec { plain: view.rules.plain() };
+    rec.dispatch_spec(bind, params(view, n), spec, Grid::threads(n))
 }
 
 fn params(view: &View, n: usize) -> project_fwd::Params {
     let [row_x, row_y, row_z] = view.world_to_camera;
+    let rules = view.rules;
     project_fwd::Params {
         n: dim(n),
         width: view.width,
@@ -134,5 +139,16 @@ fn params(view: &View, n: usize) -> project_fwd::Params {
         view_21: row_z[1],
         view_22: row_z[2],
         view_23: row_z[3],
+        dilation: rules.dilation,
+        split: rules.min_split,
+        min_minor: rules.min_minor,
+        min_major: rules.min_major,
+        margin: rules.margin,
+        guard: rules.guard,
+        min_alpha: rules.min_alpha,
+        span: rules.span(),
+        compensated: u32::from(rules.opacity == Opacity::Compensated),
+        tiles: u32::from(rules.extent == Extent::Tiles),
+        distance: u32::from(rules.sort_key == SortKey::Distance),
     }
 }

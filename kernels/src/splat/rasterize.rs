@@ -1,5 +1,6 @@
 //! Front-to-back blending of sorted splats and its gradient with respect to the colours.
 
+use super::rules::Stop;
 use super::tile_bin::VisibleLists;
 use super::tile_grid::{TILE, TileGrid, pixel_workgroups, stride, workgroups};
 use crate::error::KernelError;
@@ -59,8 +60,8 @@ impl BackwardScratch {
 /// # Shapes
 /// in `lists` · `colours` \[V,4\] · out `frame` \[H,W,4\] (=): rgb over the background, final transmittance
 /// # Equation
-/// Kerbl et al. 2023: alpha at most 0.99, skipped below 1/255; a pixel stops before the splat that
-/// would bring its transmittance below 1e-4. No clamp of the result.
+/// Kerbl et al. 2023 unless the lists' rules say otherwise: alpha at most 0.99, skipped below 1/255; a pixel stops
+/// before the splat that would bring its transmittance below 1e-4. No clamp of the result.
 /// # Determinism: bitwise; no atomics
 /// # Cost
 /// About 26·64 operations per pair, and 52 bytes read once (lanes: by eight invocations; tiles: by one, then 64 times
@@ -75,7 +76,7 @@ pub fn forward(
     background: [f32; 3],
     frame: FrameMut<'_>,
 ) -> Result<(), KernelError> {
-    let grid = lists.grid;
+    let (grid, rules) = (lists.grid, lists.rules);
     require_len(KERNEL, "colours", colours.len(), 4 * lists.num_visible)?;
     require_len(KERNEL, "clip", frame.clip.len(), 4 * grid.num_pixels() * (frame.index + 1))?;
     /// Binds and runs the program of one family; only the module that the types come from differs.
@@ -99,18 +100,23 @@ pub fn forward(
                 background_r: background[0],
                 background_g: background[1],
                 background_b: background[2],
+                min_alpha: rules.min_alpha,
+                max_alpha: rules.max_alpha,
+                span: rules.span(),
+                foot: rules.foot,
+                behind: u32::from(rules.stop == Stop::Behind),
             };
             rec.dispatch_spec(bind, params, $spec, $grid)
         }};
     }
-    let packed = u32::from(lists.is_packed());
+    let (packed, plain) = (u32::from(lists.is_packed()), rules.plain());
     match rec.family() {
         KernelFamily::Lanes => {
-            let spec = rasterize_fwd::Spec { whole: u32::from(is_whole(lists)), packed };
+            let spec = rasterize_fwd::Spec { whole: u32::from(is_whole(lists)), packed, plain };
             blend!(rasterize_fwd, workgroups(lists.num_active), spec)?;
         }
         KernelFamily::Tiles => {
-            blend!(rasterize_fwd_tile, pixel_workgroups(lists.num_active), rasterize_fwd_tile::Spec { packed })?;
+            blend!(rasterize_fwd_tile, pixel_workgroups(lists.num_active), rasterize_fwd_tile::Spec { packed, plain })?;
         }
     }
     clear(rec, lists, background, frame)
@@ -157,7 +163,7 @@ pub fn backward(
     scratch: &mut BackwardScratch,
     v_colours: &mut Buffer<f32>,
 ) -> Result<(), KernelError> {
-    let grid = lists.grid;
+    let (grid, rules) = (lists.grid, lists.rules);
     require_len(KERNEL, "v_colours", v_colours.len(), 4 * lists.num_visible)?;
     require_len(KERNEL, "v_clip", v_frame.clip.len(), 4 * grid.num_pixels() * (v_frame.index + 1))?;
     require_len(KERNEL, "v_slots", scratch.v_slots.len(), 4 * lists.num_isects)?;
@@ -181,8 +187,13 @@ pub fn backward(
                 num_active: dim(lists.num_active),
                 tile_stride: stride(lists.num_active),
                 in_offset: dim(grid.num_pixels() * v_frame.index),
+                min_alpha: rules.min_alpha,
+                max_alpha: rules.max_alpha,
+                span: rules.span(),
+                foot: rules.foot,
+                behind: u32::from(rules.stop == Stop::Behind),
             };
-            let spec = $module::Spec { packed: u32::from(lists.is_packed()) };
+            let spec = $module::Spec { packed: u32::from(lists.is_packed()), plain: rules.plain() };
             rec.dispatch_spec(bind, params, spec, $grid)
         }};
     }

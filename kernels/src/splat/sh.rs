@@ -22,6 +22,8 @@ pub struct ShInputs<'a> {
     pub offsets: Option<(&'a Buffer<f32>, OffsetBases)>,
     /// Degree to evaluate, at most 3.
     pub degree: u32,
+    /// Largest value of a channel; infinite in Kerbl et al. 2023.
+    pub max_colour: f32,
 }
 
 /// Splats that a view sees.
@@ -56,7 +58,7 @@ fn check(sh: &ShInputs<'_>, visible: &VisibleSplats<'_>, colours: usize) -> Resu
 ///
 /// # Shapes
 /// in `sh` \[N,16,3\] · `visible` \[V\] · out `colours` \[V,4\] (=), fourth channel 0
-/// # Equation: `max(0, 1/2 + sum_j Y_j(d) (h_j + delta_j))`, Kerbl et al. 2023; no upper clamp
+/// # Equation: `max(0, 1/2 + sum_j Y_j(d) (h_j + delta_j))`, Kerbl et al. 2023, at most `max_colour`
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors
@@ -108,7 +110,8 @@ fn evaluate(
             colours,
         };
         let (first_splat, num_splats) = (dim(splats.start), dim(splats.len()));
-        let params = sh_fwd::Params { num_visible: dim(visible.count), first_splat, num_splats };
+        let (num_visible, max_colour) = (dim(visible.count), sh.max_colour);
+        let params = sh_fwd::Params { num_visible, first_splat, num_splats, max_colour };
         rec.dispatch_spec(bind, params, spec, Grid::threads(visible.count))?;
     }
     Ok(())
@@ -124,7 +127,7 @@ fn rows(offsets: &Buffer<f32>, bases: OffsetBases, splats: &Range<usize>) -> Buf
 /// # Shapes
 /// in `sh` \[N,16,3\] with offsets · `visible` \[V\] · `v_colours` \[V,4\] · out `v_offsets` like the offsets (+=);
 /// coefficients above the degree are left alone
-/// # Equation: `v_delta_j += Y_j(d) v_colour`, per channel nothing where the colour before the clamp is < 0
+/// # Equation: `v_delta_j += Y_j(d) v_colour`, per channel nothing where the colour is clamped
 /// # Determinism: bitwise; no atomics
 ///
 /// # Errors
@@ -159,7 +162,8 @@ pub fn backward(
             v_offsets: &mut before.alias(),
         };
         let (first_splat, num_splats) = (dim(splats.start), dim(splats.len()));
-        let params = sh_bwd::Params { num_visible: dim(visible.count), first_splat, num_splats };
+        let (num_visible, max_colour) = (dim(visible.count), sh.max_colour);
+        let params = sh_bwd::Params { num_visible, first_splat, num_splats, max_colour };
         rec.dispatch_spec(bind, params, spec, Grid::threads(visible.count))?;
     }
     Ok(())

@@ -1,6 +1,7 @@
 //! Which splats each tile sees, front to back: the constant part of rendering a frame.
 
 use super::project::{self, Projection, RawSplats, View};
+use super::rules::{Rules, Stop};
 use super::tile_grid::{TileGrid, pixel_workgroups, stride, workgroups};
 use crate::error::KernelError;
 use crate::registry::splat::{
@@ -35,13 +36,15 @@ pub enum Prune {
 pub struct VisibleLists {
     /// Image and tiles.
     pub grid: TileGrid,
+    /// How the splats are drawn.
+    pub rules: Rules,
     /// V.
     pub num_visible: usize,
     /// I, pairs of a tile and a splat.
     pub num_isects: usize,
     /// Tiles that a splat may reach; the others show the background.
     pub num_active: usize,
-    /// Centre, scaled conic, opacity, depth `[V,8]`.
+    /// Centre, scaled conic, opacity, depth, exponent of base 2 that still counts `[V,8]`.
     pub geom: Buffer<f32>,
     /// Unit vectors from the camera `[V,4]`.
     pub dirs: Buffer<f32>,
@@ -63,15 +66,17 @@ impl VisibleLists {
     /// Lists for passes of `rec`.
     fn new(
         rec: &mut Recorder,
-        grid: TileGrid,
+        job: Job,
         num_visible: usize,
         num_isects: usize,
         num_active: usize,
     ) -> Result<Self, KernelError> {
+        let grid = job.grid;
         let isects = num_isects + LIST_PADDING;
         let slots = if is_packed(num_visible, grid) { 0 } else { isects };
         Ok(Self {
             grid,
+            rules: job.rules,
             num_visible,
             num_isects,
             num_active,
@@ -192,6 +197,7 @@ impl TileScratch {
 struct Job {
     n: usize,
     grid: TileGrid,
+    rules: Rules,
     bands: u32,
     band_rows: u32,
 }
@@ -200,7 +206,7 @@ impl Job {
     fn new(view: &View, n: usize) -> Result<Self, KernelError> {
         let grid = TileGrid::new(view.width, view.height)?;
         let band_rows = (MAX_BAND_TILES / grid.tiles_x()).clamp(1, grid.tiles_y());
-        Ok(Self { n, grid, bands: grid.tiles_y().div_ceil(band_rows), band_rows })
+        Ok(Self { n, grid, rules: view.rules, bands: grid.tiles_y().div_ceil(band_rows), band_rows })
     }
 
     fn counts(&self) -> usize {
@@ -237,8 +243,8 @@ impl TileBinner {
     /// in `splats` \[N,4\] each
     /// # Equation
     /// The tile lists of Kerbl et al. 2023: a splat is seen only in the 16 x 16 tiles of its 3-sigma
-    /// square, pairs are sorted by tile and view depth, ties by index. Lists are held for 8 x 8 tiles,
-    /// without the tiles where alpha stays below the threshold.
+    /// square, unless the rules of the view say otherwise; pairs are sorted by tile and view depth or distance, ties
+    /// by index. Lists are held for 8 x 8 tiles, without the tiles where alpha stays below the threshold.
     /// # Determinism: bitwise; no atomics
     ///
     /// # Errors
@@ -255,12 +261,12 @@ impl TileBinner {
         let mut passes = Vec::new();
         let total = if n == 0 { 0 } else { self.count(view, splats, job, &mut passes)? };
         if total == 0 {
-            return Ok((empty(&self.device, job.grid)?, Timings { passes }));
+            return Ok((empty(&self.device, job)?, Timings { passes }));
         }
         let num_active = self.emit(job, total, &mut passes)?;
         let (num_visible, num_isects) = self.select(job, total, prune, num_active, &mut passes)?;
         let mut rec = self.device.recorder()?;
-        let mut lists = VisibleLists::new(&mut rec, job.grid, num_visible, num_isects, num_active)?;
+        let mut lists = VisibleLists::new(&mut rec, job, num_visible, num_isects, num_active)?;
         self.compact(&mut rec, job, total, &mut lists)?;
         passes.extend(rec.submit()?.passes);
         Ok((lists, Timings { passes }))
@@ -363,7 +369,7 @@ impl TileBinner {
                 rec.fill(&mut pairs.kept_isects, 1);
                 rec.fill(&mut pairs.kept_slots, 1);
             }
-            Prune::Remove => visit(&mut rec, job.grid, num_active, &scratch.projection, pairs, tiles)?,
+            Prune::Remove => visit(&mut rec, job, num_active, &scratch.projection, pairs, tiles)?,
         }
         prefix_sum::exclusive(&mut rec, &mut pairs.kept_isects, total, &mut self.scan)?;
         prefix_sum::exclusive(&mut rec, &mut pairs.kept_slots, total, &mut self.scan)?;
@@ -427,11 +433,11 @@ impl TileBinner {
 }
 
 /// Lists of a view that sees nothing.
-fn empty(device: &Device, grid: TileGrid) -> Result<VisibleLists, KernelError> {
+fn empty(device: &Device, job: Job) -> Result<VisibleLists, KernelError> {
     let mut rec = device.recorder()?;
-    let mut lists = VisibleLists::new(&mut rec, grid, 0, 0, 0)?;
+    let mut lists = VisibleLists::new(&mut rec, job, 0, 0, 0)?;
     rec.submit()?;
-    let order: Vec<u32> = (0..grid.num_tiles()).collect();
+    let order: Vec<u32> = (0..job.grid.num_tiles()).collect();
     lists.tile_order.write(&order)?;
     Ok(lists)
 }
@@ -459,12 +465,13 @@ fn order_tiles(
 /// Marks the pairs that reach a pixel which has not stopped.
 fn visit(
     rec: &mut Recorder,
-    grid: TileGrid,
+    job: Job,
     num_active: usize,
     projection: &Projection,
     pairs: &mut PairScratch,
     tiles: &TileScratch,
 ) -> Result<(), KernelError> {
+    let Job { grid, rules, .. } = job;
     /// Binds and runs the program of one family; only the module that the types come from differs.
     macro_rules! visit {
         ($module:ident, $grid:expr) => {{
@@ -483,8 +490,13 @@ fn visit(
                 tiles_x: grid.tiles_x(),
                 num_active: dim(num_active),
                 tile_stride: stride(num_active),
+                min_alpha: rules.min_alpha,
+                max_alpha: rules.max_alpha,
+                span: rules.span(),
+                foot: rules.foot,
+                behind: u32::from(rules.stop == Stop::Behind),
             };
-            rec.dispatch(bind, params, $grid)
+            rec.dispatch_spec(bind, params, $module::Spec { plain: rules.plain() }, $grid)
         }};
     }
     match rec.family() {

@@ -24,9 +24,11 @@ fn twin_gradient_agrees_with_differences() {
     let splats = [2, 0, 1];
     let (base, offsets) = (random.vec(12, -0.5, 0.5), random.vec(16, -0.5, 0.5));
     let v = random.vec(12, -1.0, 1.0);
-    let f = |o: &[f64]| twin::forward(&base, o, &splats).iter().zip(&v).map(|(a, b)| a * b).sum::<f64>();
-    // Piecewise linear, and the data crosses no clamp within a step: only rounding remains.
-    assert!(gradcheck(f, &offsets, &twin::backward(&base, &offsets, &splats, &v)) < 1e-8);
+    for most in [f64::INFINITY, 0.2] {
+        let f = |o: &[f64]| twin::forward(&base, o, &splats, most).iter().zip(&v).map(|(a, b)| a * b).sum::<f64>();
+        // Piecewise linear, and the data crosses no clamp within a step: only rounding remains.
+        assert!(gradcheck(f, &offsets, &twin::backward(&base, &offsets, &splats, most, &v)) < 1e-8);
+    }
 }
 
 #[test]
@@ -40,15 +42,16 @@ fn with_the_base_of_a_view_it_is_the_colour_of_that_view() {
         row.iter_mut().zip(&delta[..3]).for_each(|(h, d)| *h += d);
     }
     let v = random.vec(20, -1.0, 1.0);
-    for degree in 0..=3 {
+    for (degree, most) in [(0, f64::INFINITY), (1, 0.7), (2, f64::INFINITY), (3, 0.4)] {
         let base = sh::before_clamp(&coeffs, &dirs, &splats, degree);
-        let (got, want) = (twin::forward(&base, &offsets, &splats), sh::forward(&marked, &dirs, &splats, degree));
+        let got = twin::forward(&base, &offsets, &splats, most);
+        let want = sh::forward(&marked, &dirs, &splats, degree, most);
         assert!(want.iter().filter(|c| **c == 0.0).count() > 5, "some channels are clamped");
         // Two orders of adding 16 numbers of size four in f64.
         let worst = largest(got.iter().zip(&want).map(|(a, b)| (a - b).abs()));
         assert!(worst < 1e-13, "degree {degree}: {worst}");
-        let got = twin::backward(&base, &offsets, &splats, &v);
-        let want = sh::backward(&marked, &dirs, &splats, degree, &v);
+        let got = twin::backward(&base, &offsets, &splats, most, &v);
+        let want = sh::backward(&marked, &dirs, &splats, degree, most, &v);
         for (a, b) in got.chunks_exact(4).zip(want.chunks_exact(48)) {
             assert!((0..3).all(|k| (a[k] - b[k]).abs() < 1e-13), "degree {degree}: {a:?} {b:?}");
         }
@@ -56,12 +59,13 @@ fn with_the_base_of_a_view_it_is_the_colour_of_that_view() {
 }
 
 /// Colours with and without offsets, then the gradient of the offsets on top of `already`.
-fn on_gpu(gpu: &Device, splats: &[usize], [base, offsets, v_colours, already]: [&[f32]; 4]) -> Vec<f32> {
+fn on_gpu(gpu: &Device, splats: &[usize], max_colour: f32, data: [&[f32]; 4]) -> Vec<f32> {
+    let [base, offsets, v_colours, already] = data;
     let buffer = |data: &[f32]| gpu.buffer_from("input", data).expect("buffer");
     let ids: Vec<u32> = splats.iter().map(|&s| s as u32).collect();
     let (base, ids) = (buffer(base), gpu.buffer_from("ids", &ids).expect("buffer"));
     let (offsets, v_colours, mut v_offsets) = (buffer(offsets), buffer(v_colours), buffer(already));
-    let seen = BaseColours { base: &base, splat_from_visible: &ids, count: splats.len() };
+    let seen = BaseColours { base: &base, splat_from_visible: &ids, count: splats.len(), max_colour };
     let colours = |_| gpu.buffer("colours", 4 * splats.len()).expect("buffer");
     let [mut marked, mut unmarked] = [0, 1].map(colours);
     let mut rec = gpu.recorder().expect("recorder");
@@ -73,11 +77,11 @@ fn on_gpu(gpu: &Device, splats: &[usize], [base, offsets, v_colours, already]: [
 }
 
 /// The same by the twin.
-fn on_host(splats: &[usize], [base, offsets, v_colours, already]: [&[f32]; 4]) -> Vec<f32> {
-    let gradient = twin::backward(base, offsets, splats, v_colours);
-    let unmarked = twin::forward(base, &vec![0.0; offsets.len()], splats);
+fn on_host(splats: &[usize], most: f32, [base, offsets, v_colours, already]: [&[f32]; 4]) -> Vec<f32> {
+    let gradient = twin::backward(base, offsets, splats, most, v_colours);
+    let unmarked = twin::forward(base, &vec![0.0; offsets.len()], splats, most);
     let sum = already.iter().zip(gradient).map(|(a, g)| a + g).collect();
-    [twin::forward(base, offsets, splats), unmarked, sum].concat()
+    [twin::forward(base, offsets, splats, most), unmarked, sum].concat()
 }
 
 #[test]
@@ -90,8 +94,10 @@ fn gpu_follows_the_twin() {
         let (base, offsets) = (random.vec_f32(4 * visible, -0.5, 1.0), random.vec_f32(4 * n, -1.0, 1.0));
         let (v_colours, already) = (random.vec_f32(4 * visible, -1.0, 1.0), random.vec_f32(4 * n, -1.0, 1.0));
         let data = [&base, &offsets, &v_colours, &already].map(Vec::as_slice);
-        // One product and one sum of size one.
-        assert_close(&on_gpu(&gpu, &splats, data), &on_host(&splats, data), 1e-6, 0.0);
+        for most in [f32::INFINITY, 0.4] {
+            // One product and one sum of size one.
+            assert_close(&on_gpu(&gpu, &splats, most, data), &on_host(&splats, most, data), 1e-6, 0.0);
+        }
     }
 }
 
@@ -103,8 +109,8 @@ fn poison_shows_in_its_splat_and_channel_only() {
     // Far from the clamp.
     let clean = [random.vec_f32(8, 0.4, 0.6), random.vec_f32(12, -0.1, 0.1), random.vec_f32(8, 0.5, 1.0)].concat();
     let parts = |data: &[f32]| [data[..8].to_vec(), data[8..20].to_vec(), data[20..28].to_vec(), vec![0.0; 12]];
-    let gpu_side = |data: &[f32]| on_gpu(&gpu, &splats, parts(data).each_ref().map(Vec::as_slice));
-    let host_side = |data: &[f32]| on_host(&splats, parts(data).each_ref().map(Vec::as_slice));
+    let gpu_side = |data: &[f32]| on_gpu(&gpu, &splats, f32::INFINITY, parts(data).each_ref().map(Vec::as_slice));
+    let host_side = |data: &[f32]| on_host(&splats, f32::INFINITY, parts(data).each_ref().map(Vec::as_slice));
     // A base colour, its fourth channel; an offset of splat 2, of splat 1, which is not seen, a fourth channel; the
     // gradient of a colour and of a fourth channel. A NaN colour is not below zero, so that its gradient stays what it
     // was.
@@ -119,7 +125,7 @@ fn wrong_shapes_are_refused() {
     let Some(gpu) = device() else { return };
     let buffer = |len| gpu.buffer::<f32>("buffer", len).expect("buffer");
     let (short, right, ids) = (buffer(4), buffer(8), gpu.buffer_from("ids", &[0u32, 1]).expect("buffer"));
-    let seen = |base| BaseColours { base, splat_from_visible: &ids, count: 2 };
+    let seen = |base| BaseColours { base, splat_from_visible: &ids, count: 2, max_colour: f32::INFINITY };
     let mut rec = gpu.recorder().expect("recorder");
     let error = forward(&mut rec, &seen(&short), None, &mut buffer(8));
     assert!(matches!(error, Err(KernelError::Shape { buffer: "base", .. })), "{error:?}");

@@ -1,9 +1,11 @@
 //! splat/project: the twin against a camera worked out by hand, GPU against the twin.
 
+use guard4d_engine::base::numbers::narrow;
 use guard4d_kernels::reference::splat::traverse::traverse;
 use guard4d_kernels::splat::project::{Projection, View, forward};
+use guard4d_kernels::splat::rules::{Extent, Opacity, Rules, SortKey};
 
-use super::scene::{self, Scene};
+use super::scene::{self, Scene, screen};
 use crate::support::close::assert_close;
 use crate::support::gpu::{Gpu, device};
 
@@ -46,6 +48,7 @@ fn straight_view() -> View {
         centre: [31.5, 31.5],
         width: 64,
         height: 64,
+        rules: Rules::REFERENCE,
     }
 }
 
@@ -59,6 +62,25 @@ fn twin_projects_a_sphere_on_the_axis() {
     assert!((splat.opacity - 0.5).abs() < 1e-9 && splat.depth == 2.0 && splat.dir[2] == 1.0, "{splat:?}");
     // Radius ceil(3 sqrt(25.3 + sqrt 0.1)) = 16: from 15.5 to 47.5 px.
     assert_eq!(splat.tiles, [0, 0, 3, 3]);
+}
+
+#[test]
+fn twin_shapes_a_sphere_as_the_rules_say() {
+    let scene = axis_aligned(&[[0.0, 0.0, 2.0, 0.0]], 0.02);
+    let project = |rules| scene.project::<f64>(&View { rules, ..straight_view() })[0];
+    // 1 px of standard deviation: dilated by 1 px² the area is twice as large, so the root of the ratio is 1/2.
+    let wide = Rules { dilation: 1.0, opacity: Opacity::Compensated, ..Rules::REFERENCE };
+    let splat = project(wide).expect("seen");
+    assert!((splat.opacity - 0.25).abs() < 1e-6 && (splat.conic[0] - 0.5).abs() < 1e-6, "{splat:?}");
+    // Variances of 1.3 px², half a px² apart on either side; the longer axis lies along x where none is longer.
+    let splat = project(Rules { min_split: 0.5, ..Rules::REFERENCE }).expect("seen");
+    let [x, y] = [1.0 / 0.8, 1.0 / 1.8];
+    assert!((splat.conic[0] - x).abs() < 1e-6 && (splat.conic[2] - y).abs() < 1e-6, "{splat:?}");
+    assert!(project(Rules { min_split: 1.4, ..Rules::REFERENCE }).is_none(), "no ellipse has a negative variance");
+    let splat = project(Rules { min_minor: 2.0, ..Rules::REFERENCE }).expect("seen");
+    assert!((splat.conic[0] - 1.0 / 1.3).abs() < 1e-6 && (splat.conic[2] - 0.5).abs() < 1e-6, "{splat:?}");
+    assert!(project(Rules { min_major: 1.31, ..Rules::REFERENCE }).is_none(), "too small to be drawn");
+    assert_eq!(project(Rules { extent: Extent::Image, ..Rules::REFERENCE }).expect("seen").tiles, [0, 0, 4, 4]);
 }
 
 #[test]
@@ -85,39 +107,60 @@ fn near_plane_opacity_and_image_cull() {
 fn gpu_follows_the_twin() {
     let Some(gpu) = device() else { return };
     for (n, width, height) in [(1, 40, 40), (700, 37, 53), (2000, 200, 160)] {
-        let (scene, view) = (scene::random(n, n as u64), scene::view(width, height));
-        let read = run(&gpu, &scene, &view);
-        let twin = scene.project::<f32>(&view);
-        for (i, splat) in twin.iter().enumerate() {
-            let Some(s) = splat else {
-                assert_eq!(read.keys[i], u32::MAX, "splat {i} is culled");
-                continue;
-            };
-            if read.keys[i] == u32::MAX {
-                // The device culls by 8 x 8 tiles and by the alpha threshold as well.
-                let mut hits = 0;
-                traverse(&[*splat], [width as usize, height as usize], |_| hits += 1);
-                assert_eq!(hits, 0, "splat {i} is culled but reaches a pixel");
-                continue;
-            }
-            let geom = &read.geom[8 * i..8 * i + 8];
-            // A few dozen roundings at coordinates of a few hundred px.
-            assert_close(&geom[..2], &s.mean2d, 1e-3, 0.0);
-            let half = -0.5 * LOG2_E;
-            let conic = [s.conic[0] * half, 2.0 * s.conic[1] * half, s.conic[2] * half];
-            let size = conic[0].abs() + conic[2].abs();
-            // Relative to the largest entry; the twin's determinant cancels for elongated splats.
-            assert_close(&[geom[2], geom[3], geom[4]], &conic, 2e-4 * size, 0.0);
-            // The driver's exp is within 1e-6 relative, depth has four roundings.
-            assert_close(&geom[5..7], &[s.opacity, s.depth], 0.0, 1e-5);
-            assert_close(&read.dirs[4 * i..4 * i + 3], &s.dir, 1e-6, 0.0);
-            assert_eq!(read.keys[i], geom[6].to_bits(), "splat {i}: the key is the depth");
-            let rect = &read.rects[4 * i..4 * i + 4];
-            // The fine rectangle lies inside the coarse one; one tile of slack where a ceil may flip.
-            assert!((0..2).all(|k| rect[k] as usize + 2 >= 2 * s.tiles[k]), "{rect:?} in {:?}", s.tiles);
-            assert!((2..4).all(|k| rect[k] as usize <= 2 * s.tiles[k] + 2), "{rect:?} in {:?}", s.tiles);
-        }
+        follows_the_twin(&gpu, &scene::random(n, n as u64), &scene::view(width, height));
     }
+}
+
+#[test]
+fn gpu_follows_the_twin_by_other_rules() {
+    let Some(gpu) = device() else { return };
+    let scene = scene::random(1500, 21);
+    for rules in scene::rules() {
+        let view = View { rules, ..scene::view(150, 110) };
+        assert!(follows_the_twin(&gpu, &scene, &view) > 100, "splats are seen by {rules:?}");
+    }
+}
+
+/// How many splats both see.
+fn follows_the_twin(gpu: &Gpu, scene: &Scene, view: &View) -> usize {
+    let read = run(gpu, scene, view);
+    // In double precision: determinants of thin ellipses cancel.
+    let twin = scene.project::<f64>(view);
+    let mut seen = 0;
+    for (i, splat) in twin.iter().enumerate() {
+        let Some(s) = splat else {
+            assert_eq!(read.keys[i], u32::MAX, "splat {i} is culled");
+            continue;
+        };
+        if read.keys[i] == u32::MAX {
+            // The device culls by 8 x 8 tiles and by the alpha threshold as well.
+            let mut hits = 0;
+            traverse(&[*splat], &screen(view), |_| hits += 1);
+            assert_eq!(hits, 0, "splat {i} is culled but reaches a pixel");
+            continue;
+        }
+        seen += 1;
+        let geom = &read.geom[8 * i..8 * i + 8];
+        // A few dozen roundings at coordinates of a few hundred px.
+        assert_close(&geom[..2], &s.mean2d.map(narrow), 1e-3, 0.0);
+        let half = -0.5 * LOG2_E;
+        let [a, b, c] = s.conic.map(narrow);
+        let conic = [a * half, 2.0 * b * half, c * half];
+        let size = conic[0].abs() + conic[2].abs();
+        // Relative to the largest entry; the determinant of elongated splats cancels.
+        assert_close(&[geom[2], geom[3], geom[4]], &conic, 2e-4 * size, 0.0);
+        // The driver's exp is within 1e-6 relative, depth has four roundings, compensation a root of a few dozen.
+        assert_close(&geom[5..7], &[s.opacity, s.depth].map(narrow), 0.0, 2e-5);
+        assert_close(&read.dirs[4 * i..4 * i + 3], &s.dir.map(narrow), 1e-6, 0.0);
+        assert_close(&[f32::from_bits(read.keys[i])], &[narrow(s.key)], 0.0, 1e-5);
+        let by_depth = view.rules.sort_key == SortKey::Depth;
+        assert_eq!(read.keys[i] == geom[6].to_bits(), by_depth, "splat {i}: whether the key is the depth");
+        let rect = &read.rects[4 * i..4 * i + 4];
+        // The fine rectangle lies inside the coarse one; one tile of slack where a ceil may flip.
+        assert!((0..2).all(|k| rect[k] as usize + 2 >= 2 * s.tiles[k]), "{rect:?} in {:?}", s.tiles);
+        assert!((2..4).all(|k| rect[k] as usize <= 2 * s.tiles[k] + 2), "{rect:?} in {:?}", s.tiles);
+    }
+    seen
 }
 
 #[test]

@@ -4,22 +4,19 @@ use guard4d_kernels::reference::splat::rasterize as twin;
 use guard4d_kernels::reference::splat::tile_bin::pruned_lists as twin_tiles;
 use guard4d_kernels::splat::project::View;
 use guard4d_kernels::splat::rasterize::{BackwardScratch, Frame, FrameMut, backward, forward};
+use guard4d_kernels::splat::rules::Rules;
 use guard4d_kernels::splat::tile_bin::{Prune, VisibleLists};
 use guard4d_kernels::{Device, KernelError};
 
-use super::scene::{self, Scene};
+use super::scene::{self, Scene, screen};
 use super::tile_bin::lists;
 use crate::support::close::{assert_close, cosine, worst_ratio};
-use crate::support::gpu::{device, each_family};
+use crate::support::gpu::{Gpu, device, each_family};
 use crate::support::gradcheck::gradcheck;
 use crate::support::poison;
 use crate::support::random::Random;
 
 const BACKGROUND: [f32; 3] = [1.0, 0.5, 0.25];
-
-fn size(view: &View) -> [usize; 2] {
-    [view.width as usize, view.height as usize]
-}
 
 /// Rows of `all` `[N,4]` for the visible splats.
 fn visible(lists: &VisibleLists, all: &[f32]) -> Vec<f32> {
@@ -65,13 +62,60 @@ fn twin_gradient_agrees_with_differences() {
     let colours = random.vec(4 * scene.len(), 0.0, 1.0);
     let v_image = random.vec(4 * 20 * 12, -1.0, 1.0);
     let loss = |c: &[f64]| {
-        let image = twin::forward(&splats, c, [0.0; 3], size(&view));
+        let image = twin::forward(&splats, c, [0.0; 3], &screen(&view));
         image.chunks(4).zip(v_image.chunks(4)).map(|(i, v)| i[0] * v[0] + i[1] * v[1] + i[2] * v[2]).sum::<f64>()
     };
-    let grad = twin::backward(&splats, &v_image, size(&view));
+    let grad = twin::backward(&splats, &v_image, &screen(&view));
     assert!(grad.iter().any(|g| g.abs() > 0.1), "the scene is seen");
     // Linear: only rounding remains of the difference.
     assert!(gradcheck(loss, &colours, &grad) < 1e-8);
+}
+
+#[test]
+fn twin_gradient_agrees_with_differences_by_other_rules() {
+    for rules in scene::rules() {
+        let (scene, view) = (scene::random(30, 2), View { rules, ..scene::view(60, 40) });
+        let splats = scene.project::<f64>(&view);
+        let colours = Random(3).vec(4 * scene.len(), 0.0, 1.0);
+        let v_image = Random(4).vec(4 * 60 * 40, -1.0, 1.0);
+        let loss = |c: &[f64]| {
+            let image = twin::forward(&splats, c, [0.0; 3], &screen(&view));
+            image.chunks(4).zip(v_image.chunks(4)).map(|(i, v)| i[0] * v[0] + i[1] * v[1] + i[2] * v[2]).sum::<f64>()
+        };
+        let grad = twin::backward(&splats, &v_image, &screen(&view));
+        assert!(grad.iter().any(|g| g.abs() > 0.1), "the scene is seen");
+        // Linear: only rounding remains of the difference.
+        assert!(gradcheck(loss, &colours, &grad) < 1e-8);
+    }
+}
+
+#[test]
+fn twin_pixels_are_what_the_rules_say() {
+    // Of a splat of opacity 1/2 and standard deviation 5 px in the middle of pixel 31.5: alpha 5 px from the middle.
+    let means = [0.0, 0.0, 2.0, 0.0].to_vec();
+    let log = 0.1f32.ln();
+    let scene = Scene { means, scales: vec![log, log, log, 0.0], quats: vec![1.0, 0.0, 0.0, 0.0] };
+    let view = View {
+        world_to_camera: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+        focal: [100.0; 2],
+        centre: [32.0; 2],
+        width: 64,
+        height: 64,
+        rules: Rules { dilation: 0.0, ..Rules::REFERENCE },
+    };
+    let alpha = |rules: Rules, x: usize| {
+        let view = View { rules, ..view };
+        let image = twin::forward(&scene.project::<f64>(&view), &[1.0; 4], [0.0; 3], &screen(&view));
+        image[4 * (32 * 64 + x)]
+    };
+    let near = |got: f64, want: f64| assert!((got - want).abs() < 1e-6, "{got}, expected {want}");
+    let falloff = (-0.5f64).exp();
+    near(alpha(view.rules, 37), 0.5 * falloff);
+    near(alpha(Rules { foot: 0.25, ..view.rules }, 37), 0.5 * (falloff - 0.25) / 0.75);
+    near(alpha(Rules { max_alpha: 0.3, ..view.rules }, 37), 0.3);
+    near(alpha(Rules { reach: 0.99, ..view.rules }, 37), 0.0);
+    near(alpha(Rules { reach: 1.01, ..view.rules }, 37), 0.5 * falloff);
+    near(alpha(Rules { min_alpha: 0.31, ..view.rules }, 37), 0.0);
 }
 
 #[test]
@@ -80,37 +124,57 @@ fn gpu_image_and_gradient_follow_the_twin() {
     // The last one has more splats than 16 bits can tell apart.
     for (n, width, height) in [(1, 8, 8), (400, 37, 53), (3000, 200, 120), (2000, 65, 7), (70_000, 96, 64)] {
         let (scene, view) = (scene::random(n, n as u64), scene::view(width, height));
-        let splats = scene.project::<f32>(&view);
-        let mut random = Random(9);
-        let colours = random.vec_f32(4 * n, 0.0, 1.0);
-        let v_image = random.vec_f32(4 * (width * height) as usize, -1.0, 1.0);
-        let want_image = twin::forward(&splats, &colours, BACKGROUND, size(&view));
-        let want_grad = twin::backward(&splats, &v_image, size(&view));
-        for prune in [Prune::Keep, Prune::Remove] {
-            let lists = lists(&gpu, &scene, &view, prune);
-            let image = render(&gpu, &lists, &visible(&lists, &colours), BACKGROUND);
-            let off =
-                image.iter().zip(&want_image).filter(|(g, w)| worst_ratio(&[**g], &[**w], 1e-4, 0.0) > 1.0).count();
-            // Threshold decisions may flip by rounding in a few pixels; each changes at most 1/255 or so.
-            assert!(off * 1000 <= image.len(), "{off} of {} values are off by 1e-4", image.len());
-            assert_close(&image, &want_image, 0.02, 0.0);
-            let grad = scatter(&lists, &pull(&gpu, &lists, &v_image), n);
-            let angle = cosine(&grad, &want_grad);
-            // One flip in a thousand pixels turns the gradient by less than 1e-4.
-            assert!(angle > 0.9999 || want_grad.iter().all(|g| *g == 0.0), "cosine {angle}");
+        follow_the_twin(&gpu, &scene, &view);
+    }
+}
+
+#[test]
+fn gpu_image_and_gradient_follow_the_twin_by_other_rules() {
+    let Some(gpu) = device() else { return };
+    for rules in scene::rules() {
+        for (n, width, height) in [(400, 37, 53), (3000, 200, 120)] {
+            follow_the_twin(&gpu, &scene::random(n, n as u64), &View { rules, ..scene::view(width, height) });
         }
+    }
+}
+
+fn follow_the_twin(gpu: &Device, scene: &Scene, view: &View) {
+    let splats = scene.project::<f32>(view);
+    let mut random = Random(9);
+    let colours = random.vec_f32(4 * scene.len(), 0.0, 1.0);
+    let v_image = random.vec_f32(4 * (view.width * view.height) as usize, -1.0, 1.0);
+    let want_image = twin::forward(&splats, &colours, BACKGROUND, &screen(view));
+    let want_grad = twin::backward(&splats, &v_image, &screen(view));
+    for prune in [Prune::Keep, Prune::Remove] {
+        let lists = lists(gpu, scene, view, prune);
+        let image = render(gpu, &lists, &visible(&lists, &colours), BACKGROUND);
+        let off = image.iter().zip(&want_image).filter(|(g, w)| worst_ratio(&[**g], &[**w], 1e-4, 0.0) > 1.0).count();
+        // Threshold decisions may flip by rounding in a few pixels; each changes at most 1/255 or so.
+        assert!(off * 1000 <= image.len(), "{off} of {} values are off by 1e-4", image.len());
+        assert_close(&image, &want_image, 0.02, 0.0);
+        let grad = scatter(&lists, &pull(gpu, &lists, &v_image), scene.len());
+        let angle = cosine(&grad, &want_grad);
+        // One flip in a thousand pixels turns the gradient by less than 1e-4.
+        assert!(angle > 0.9999 || want_grad.iter().all(|g| *g == 0.0), "cosine {angle}");
     }
 }
 
 #[test]
 fn both_families_agree() {
     let Some(devices) = each_family() else { return };
-    let (scene, view) = (scene::random(5000, 13), scene::view(203, 121));
+    agree(&devices, &scene::view(203, 121));
+    for rules in scene::rules() {
+        agree(&devices, &View { rules, ..scene::view(120, 83) });
+    }
+}
+
+fn agree(devices: &[Gpu; 2], view: &View) {
+    let scene = scene::random(5000, 13);
     let mut random = Random(14);
     let colours = random.vec_f32(4 * scene.len(), 0.0, 1.0);
     let v_image = random.vec_f32(4 * (view.width * view.height) as usize, -1.0, 1.0);
     let [lanes, tiles] = devices.each_ref().map(|gpu| {
-        let lists = lists(gpu, &scene, &view, Prune::Remove);
+        let lists = lists(gpu, &scene, view, Prune::Remove);
         let image = render(gpu, &lists, &visible(&lists, &colours), BACKGROUND);
         (image, scatter(&lists, &pull(gpu, &lists, &v_image), scene.len()))
     });
@@ -125,24 +189,44 @@ fn both_families_agree() {
 #[test]
 fn pruning_changes_no_bit_and_twice_gives_the_same_bytes() {
     let Some(gpu) = device() else { return };
-    let (scene, view) = (scene::random(4000, 8), scene::view(150, 90));
-    let mut random = Random(1);
-    let colours = random.vec_f32(4 * scene.len(), 0.0, 1.0);
-    let v_image = random.vec_f32(4 * 150 * 90, -1.0, 1.0);
-    let run = |prune| {
-        let lists = lists(&gpu, &scene, &view, prune);
-        let image = render(&gpu, &lists, &visible(&lists, &colours), BACKGROUND);
-        let grad = scatter(&lists, &pull(&gpu, &lists, &v_image), scene.len());
-        (image, grad, lists.num_isects)
+    let [wide, quads, bent, split] = scene::rules();
+    for rules in [Rules::REFERENCE, wide, quads, bent, split] {
+        let (scene, view) = (scene::random(4000, 8), View { rules, ..scene::view(150, 90) });
+        let mut random = Random(1);
+        let colours = random.vec_f32(4 * scene.len(), 0.0, 1.0);
+        let v_image = random.vec_f32(4 * 150 * 90, -1.0, 1.0);
+        let run = |prune| {
+            let lists = lists(&gpu, &scene, &view, prune);
+            let image = render(&gpu, &lists, &visible(&lists, &colours), BACKGROUND);
+            let grad = scatter(&lists, &pull(&gpu, &lists, &v_image), scene.len());
+            (image, grad, lists.num_isects)
+        };
+        let (image, grad, pairs) = run(Prune::Remove);
+        let (image_again, grad_again, _) = run(Prune::Remove);
+        assert!(image == image_again && grad == grad_again, "the same bytes twice");
+        let (image_full, grad_full, pairs_full) = run(Prune::Keep);
+        assert!(pairs < pairs_full, "{pairs} of {pairs_full} pairs stay");
+        assert!(image == image_full, "the image is the same to the bit");
+        // Zero terms in other places only change where a sum is rounded.
+        assert_close(&grad, &grad_full, 1e-4, 1e-5);
+    }
+}
+
+#[test]
+fn rules_that_say_the_same_in_other_words_draw_the_same() {
+    let Some(gpu) = device() else { return };
+    let (scene, view) = (scene::random(3000, 15), scene::view(150, 90));
+    let colours = Random(16).vec_f32(4 * scene.len(), 0.0, 1.0);
+    let draw = |rules| {
+        let lists = lists(&gpu, &scene, &View { rules, ..view }, Prune::Keep);
+        render(&gpu, &lists, &visible(&lists, &colours), BACKGROUND)
     };
-    let (image, grad, pairs) = run(Prune::Remove);
-    let (image_again, grad_again, _) = run(Prune::Remove);
-    assert!(image == image_again && grad == grad_again, "the same bytes twice");
-    let (image_full, grad_full, pairs_full) = run(Prune::Keep);
-    assert!(pairs < pairs_full, "{pairs} of {pairs_full} pairs stay");
-    assert!(image == image_full, "the image is the same to the bit");
-    // Zero terms in other places only change where a sum is rounded.
-    assert_close(&grad, &grad_full, 1e-4, 1e-5);
+    let plain = draw(Rules::REFERENCE);
+    let general = draw(Rules { guard: 1e6, reach: 1e6, ..Rules::REFERENCE });
+    let off = general.iter().zip(&plain).filter(|(g, p)| worst_ratio(&[**g], &[**p], 1e-4, 0.0) > 1.0).count();
+    // As against the twin: a decision may flip by rounding.
+    assert!(off * 1000 <= plain.len(), "{off} of {} values are off by 1e-4", plain.len());
+    assert_close(&general, &plain, 0.02, 0.0);
 }
 
 #[test]
@@ -233,8 +317,8 @@ fn poison_fills_the_tiles_it_meets() {
         [image, scatter(&lists, &pull(&gpu, &lists, &data[split..]), scene.len())].concat()
     };
     let on_host = |data: &[f32]| {
-        let image = twin::forward(&splats, &data[..split], BACKGROUND, size(&view));
-        [image, twin::backward(&splats, &data[split..], size(&view))].concat()
+        let image = twin::forward(&splats, &data[..split], BACKGROUND, &screen(&view));
+        [image, twin::backward(&splats, &data[split..], &screen(&view))].concat()
     };
     // Of the first visible splat, which lanes beyond the end of a list load too, and of one in the middle, a colour
     // and the fourth channel; of a pixel in the middle of the image the same.
@@ -244,7 +328,7 @@ fn poison_fills_the_tiles_it_meets() {
     let places = [first, middle + 1, middle + 3, pixel + 2, pixel + 3];
     // Sums of some dozen products below 1 in the image; of some hundred in the gradient.
     let reach = poison::spread(&clean, &places, (1e-4, 1e-5), on_gpu, on_host);
-    let want = twin_tiles(&splats, size(&view));
+    let want = twin_tiles(&splats, &screen(&view));
     let tile_px = |tile: usize| {
         let (x, y) = (8 * (tile % 5), 8 * (tile / 5));
         (width as usize - x).min(8) * (height as usize - y).min(8)
@@ -270,7 +354,7 @@ fn long_lists_run_to_their_end() {
     let splats = scene.project::<f32>(&view);
     let colours = Random(4).vec_f32(4 * n, 0.0, 1.0);
     let image = render(&gpu, &lists, &visible(&lists, &colours), BACKGROUND);
-    let want = twin::forward(&splats, &colours, BACKGROUND, [8, 8]);
+    let want = twin::forward(&splats, &colours, BACKGROUND, &screen(&view));
     // 2000 blended splats of weight 0.004 and less, each rounded to 6e-8; one may flip at the stop.
     assert_close(&image, &want, 1e-3, 0.0);
 }

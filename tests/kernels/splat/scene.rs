@@ -2,7 +2,10 @@
 
 use guard4d_kernels::reference::Real;
 use guard4d_kernels::reference::splat::project::{self as twin, Projected};
+use guard4d_kernels::reference::splat::rules::Rules as TwinRules;
+use guard4d_kernels::reference::splat::traverse::Screen;
 use guard4d_kernels::splat::project::{RawSplats, View};
+use guard4d_kernels::splat::rules::{Extent, Opacity, Rules, SortKey, Stop};
 use guard4d_kernels::{Buffer, Device};
 
 use crate::support::random::Random;
@@ -23,6 +26,7 @@ pub(crate) fn view(width: u32, height: u32) -> View {
         centre: [0.5 * width as f32 - 0.5, 0.5 * height as f32 - 0.5],
         width,
         height,
+        rules: Rules::REFERENCE,
     }
 }
 
@@ -39,6 +43,48 @@ pub(crate) fn random(n: usize, seed: u64) -> Scene {
         scene.quats.extend(random.vec_f32(4, -1.0, 1.0));
     }
     scene
+}
+
+/// Rules that are nobody's, so that each number is another than the reference's somewhere and falls to many splats.
+pub(crate) fn rules() -> [Rules; 4] {
+    let wide = Rules { dilation: 1.2, opacity: Opacity::Compensated, max_alpha: 0.7, ..Rules::REFERENCE };
+    let quads = Rules {
+        extent: Extent::Image,
+        margin: f32::INFINITY,
+        reach: 2.5,
+        min_alpha: 0.002,
+        max_alpha: 1.0,
+        stop: Stop::Behind,
+        sort_key: SortKey::Distance,
+        ..Rules::REFERENCE
+    };
+    let bent = Rules { dilation: 0.05, foot: 0.05, min_minor: 0.8, min_major: 1.5, guard: 0.9, ..quads };
+    let split = Rules { min_split: 2.0, margin: 0.4, sort_key: SortKey::Depth, ..quads };
+    [wide, quads, bent, split]
+}
+
+/// What the twin draws a view on, and how.
+pub(crate) fn screen<R: Real>(view: &View) -> Screen<R> {
+    let of = |v: f32| R::of(f64::from(v));
+    let finite = |v: f32| v.is_finite().then(|| of(v));
+    let rules = view.rules;
+    let rules = TwinRules {
+        dilation: of(rules.dilation),
+        compensated: rules.opacity == Opacity::Compensated,
+        min_split: of(rules.min_split),
+        min_minor: of(rules.min_minor),
+        min_major: of(rules.min_major),
+        margin: finite(rules.margin),
+        guard: finite(rules.guard),
+        in_tiles: rules.extent == Extent::Tiles,
+        reach: finite(rules.reach),
+        foot: of(rules.foot),
+        min_alpha: of(rules.min_alpha),
+        max_alpha: of(rules.max_alpha),
+        ends_behind: rules.stop == Stop::Behind,
+        by_distance: rules.sort_key == SortKey::Distance,
+    };
+    Screen { size: [view.width as usize, view.height as usize], rules }
 }
 
 /// A [`Scene`] on the device.
@@ -77,6 +123,7 @@ impl Scene {
             focal: view.focal.map(of),
             centre: view.centre.map(of),
             size: [view.width as usize, view.height as usize],
+            rules: screen(view).rules,
         };
         twin::forward(&view, &convert(&self.means), &convert(&self.scales), &convert(&self.quats))
     }

@@ -55,9 +55,11 @@ fn twin_gradient_agrees_with_differences() {
     let dirs = unit_dirs(&mut random, 3);
     let coeffs = random.vec(48 * 4, -0.5, 0.5);
     let v = random.vec(12, -1.0, 1.0);
-    for degree in 0..=3 {
-        let f = |c: &[f64]| twin::forward(c, &dirs, &splats, degree).iter().zip(&v).map(|(a, b)| a * b).sum::<f64>();
-        let grad = twin::backward(&coeffs, &dirs, &splats, degree, &v);
+    for (degree, most) in (0..=3).flat_map(|degree| [(degree, f64::INFINITY), (degree, 0.6)]) {
+        let colours = |c: &[f64]| twin::forward(c, &dirs, &splats, degree, most);
+        let f = |c: &[f64]| colours(c).iter().zip(&v).map(|(a, b)| a * b).sum::<f64>();
+        assert!(colours(&coeffs).iter().all(|c| *c <= most), "no colour is above {most}");
+        let grad = twin::backward(&coeffs, &dirs, &splats, degree, most, &v);
         // Piecewise linear, and the data crosses no clamp within a step: only rounding remains.
         assert!(gradcheck(f, &coeffs, &grad) < 1e-8, "degree {degree}");
     }
@@ -92,18 +94,19 @@ fn gpu_follows_the_twin_for_every_degree_and_offset() {
         let (dirs_gpu, ids_gpu) = (buffer(&dirs), gpu.buffer_from("ids", &ids).expect("buffer"));
         let (coeffs_gpu, v_gpu) = (buffer(&coeffs), buffer(&v_colours));
         let seen = VisibleSplats { dirs: &dirs_gpu, splat_from_visible: &ids_gpu, count: visible };
-        for degree in 0..=3 {
+        for (degree, max_colour) in (0..=3).flat_map(|degree| [(degree, f32::INFINITY), (degree, 0.6)]) {
             for bases in [None, Some(OffsetBases::Dc), Some(OffsetBases::All)] {
                 let count = bases.map_or(0, OffsetBases::count);
                 let offset = |i: usize| if i % 48 < 3 * count { all_offsets[i] } else { 0.0 };
                 let sum: Vec<f32> = coeffs.iter().enumerate().map(|(i, c)| c + offset(i)).collect();
                 let offsets_gpu = buffer(&bases.map_or(vec![], |b| rows(&all_offsets, b)));
-                let sh = ShInputs { sh_coeffs: &coeffs_gpu, offsets: bases.map(|b| (&offsets_gpu, b)), degree };
+                let offsets = bases.map(|b| (&offsets_gpu, b));
+                let sh = ShInputs { sh_coeffs: &coeffs_gpu, offsets, degree, max_colour };
                 let mut colours = gpu.buffer("colours", 4 * visible).expect("buffer");
                 let mut rec = gpu.recorder().expect("recorder");
                 forward(&mut rec, &sh, &seen, &mut colours).expect("records");
                 rec.submit().expect("runs");
-                let want = twin::forward(&sum, &dirs, &splats, degree);
+                let want = twin::forward(&sum, &dirs, &splats, degree, max_colour);
                 // 48 products of size one or less, each rounded twice.
                 assert_close(&colours.read().expect("read"), &want, 1e-5, 0.0);
                 let Some(bases) = bases else { continue };
@@ -112,7 +115,7 @@ fn gpu_follows_the_twin_for_every_degree_and_offset() {
                 let mut rec = gpu.recorder().expect("recorder");
                 backward(&mut rec, &sh, &seen, &v_gpu, &mut v_offsets).expect("records");
                 rec.submit().expect("runs");
-                let gradient = rows(&twin::backward(&sum, &dirs, &splats, degree, &v_colours), bases);
+                let gradient = rows(&twin::backward(&sum, &dirs, &splats, degree, max_colour, &v_colours), bases);
                 let want: Vec<f32> = already.iter().zip(gradient).map(|(a, g)| a + g).collect();
                 // One product and one sum of size one.
                 assert_close(&v_offsets.read().expect("read"), &want, 1e-6, 0.0);
@@ -129,7 +132,7 @@ fn on_gpu(gpu: &Device, scene: &Scene, bases: OffsetBases, degree: u32) -> Vec<f
     let (coeffs, offsets) = (buffer(&scene.coeffs), buffer(&rows(&scene.offsets, bases)));
     let v_colours = buffer(&scene.v_colours);
     let seen = VisibleSplats { dirs: &dirs, splat_from_visible: &ids, count: scene.splats.len() };
-    let sh = ShInputs { sh_coeffs: &coeffs, offsets: Some((&offsets, bases)), degree };
+    let sh = ShInputs { sh_coeffs: &coeffs, offsets: Some((&offsets, bases)), degree, max_colour: f32::INFINITY };
     let mut colours = gpu.buffer("colours", scene.v_colours.len()).expect("buffer");
     let mut v_offsets = gpu.buffer("v_offsets", offsets.len()).expect("buffer");
     let mut rec = gpu.recorder().expect("recorder");
@@ -143,8 +146,8 @@ fn on_gpu(gpu: &Device, scene: &Scene, bases: OffsetBases, degree: u32) -> Vec<f
 fn on_host(scene: &Scene, bases: OffsetBases, degree: u32) -> Vec<f32> {
     let offset = |i: usize| if i % 48 < 3 * bases.count() { scene.offsets[i] } else { 0.0 };
     let sum: Vec<f32> = scene.coeffs.iter().enumerate().map(|(i, c)| c + offset(i)).collect();
-    let v_coeffs = twin::backward(&sum, &scene.dirs, scene.splats, degree, &scene.v_colours);
-    [twin::forward(&sum, &scene.dirs, scene.splats, degree), rows(&v_coeffs, bases)].concat()
+    let v_coeffs = twin::backward(&sum, &scene.dirs, scene.splats, degree, f32::INFINITY, &scene.v_colours);
+    [twin::forward(&sum, &scene.dirs, scene.splats, degree, f32::INFINITY), rows(&v_coeffs, bases)].concat()
 }
 
 /// Inputs of both.
@@ -205,7 +208,7 @@ fn wrong_shapes_are_refused_and_empty_is_fine() {
     let dirs = gpu.buffer_from("dirs", &[0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]).expect("buffer");
     let ids = gpu.buffer_from("ids", &[0u32, 1]).expect("buffer");
     let seen = VisibleSplats { dirs: &dirs, splat_from_visible: &ids, count: 2 };
-    let sh = ShInputs { sh_coeffs: &coeffs, offsets: None, degree: 3 };
+    let sh = ShInputs { sh_coeffs: &coeffs, offsets: None, degree: 3, max_colour: f32::INFINITY };
     let mut colours = gpu.buffer("colours", 8).expect("buffer");
     let mut rec = gpu.recorder().expect("recorder");
     let mut short: Buffer<f32> = gpu.buffer("colours", 4).expect("buffer");

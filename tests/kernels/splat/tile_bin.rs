@@ -5,7 +5,7 @@ use guard4d_kernels::reference::splat::tile_bin as twin;
 use guard4d_kernels::splat::project::View;
 use guard4d_kernels::splat::tile_bin::{Prune, TileBinner, VisibleLists};
 
-use super::scene::{self, Scene};
+use super::scene::{self, Scene, screen};
 use crate::support::gpu::device;
 
 pub(crate) fn lists(device: &Device, scene: &Scene, view: &View, prune: Prune) -> VisibleLists {
@@ -29,8 +29,7 @@ fn lists_hold_what_each_tile_sees_in_depth_order() {
     for (n, width, height) in [(1, 8, 8), (500, 37, 53), (3000, 200, 120)] {
         let (scene, view) = (scene::random(n, n as u64), scene::view(width, height));
         let projected = scene.project::<f32>(&view);
-        let size = [width as usize, height as usize];
-        let want = twin::pruned_lists(&projected, size);
+        let want = twin::pruned_lists(&projected, &screen(&view));
         let kept = by_tile(&lists(&gpu, &scene, &view, Prune::Keep));
         let pruned = by_tile(&lists(&gpu, &scene, &view, Prune::Remove));
         let rank: Vec<_> = projected.iter().map(|s| s.map_or(f32::INFINITY, |s| s.depth)).collect();
@@ -76,7 +75,7 @@ fn poisoned_splats_are_dropped_or_drawn_and_change_no_other() {
     let pruned = lists(&gpu, &poisoned, &view, Prune::Remove);
     let geom = pruned.geom.read().expect("read");
     assert!(geom.iter().all(|v| v.is_finite()), "only finite records are drawn");
-    let (want, got) = (twin::pruned_lists(&projected, [90, 70]), by_tile(&pruned));
+    let (want, got) = (twin::pruned_lists(&projected, &screen(&view)), by_tile(&pruned));
     let pairs = |lists: &[Vec<usize>]| lists.iter().map(Vec::len).sum::<usize>();
     let differing: usize = want.iter().zip(&got).map(|(w, g)| w.iter().filter(|s| !g.contains(s)).count()).sum();
     // As above: decisions at the thresholds may flip.

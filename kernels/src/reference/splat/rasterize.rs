@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use super::project::Projected;
 use super::tile_bin::{TILE, pruned_lists};
-use super::traverse::{Hit, traverse};
+use super::traverse::{Hit, Screen, traverse};
 use crate::reference::real::Real;
 
 /// As [`traverse`], and where one of the `factors` of the weights is not finite also the terms that vanish otherwise:
@@ -12,21 +12,21 @@ use crate::reference::real::Real;
 /// times what is not finite is NaN.
 fn each_term<R: Real>(
     splats: &[Option<Projected<R>>],
-    size: [usize; 2],
+    screen: &Screen<R>,
     factors: &[R],
     mut visit: impl FnMut(Hit<R>),
 ) -> Vec<R> {
     if factors.iter().all(|v| v.f64().is_finite()) {
-        return traverse(splats, size, visit);
+        return traverse(splats, screen, visit);
     }
     let mut met = HashSet::new();
-    let transmittance = traverse(splats, size, |hit| {
+    let transmittance = traverse(splats, screen, |hit| {
         met.insert((hit.splat, hit.pixel));
         visit(hit);
     });
-    let [width, height] = size;
+    let [width, height] = screen.size;
     let tiles_x = width.div_ceil(TILE);
-    for (tile, list) in pruned_lists(splats, size).into_iter().enumerate() {
+    for (tile, list) in pruned_lists(splats, screen).into_iter().enumerate() {
         let (left, top) = (tile % tiles_x * TILE, tile / tiles_x * TILE);
         for pixel in (0..TILE * TILE).map(|i| (left + i % TILE, top + i / TILE)) {
             let inside = pixel.0 < width && pixel.1 < height;
@@ -45,10 +45,10 @@ pub fn forward<R: Real>(
     splats: &[Option<Projected<R>>],
     colours: &[R],
     background: [R; 3],
-    size: [usize; 2],
+    screen: &Screen<R>,
 ) -> Vec<R> {
-    let mut image = vec![R::of(0.0); 4 * size[0] * size[1]];
-    let transmittance = each_term(splats, size, colours, |hit| {
+    let mut image = vec![R::of(0.0); 4 * screen.size[0] * screen.size[1]];
+    let transmittance = each_term(splats, screen, colours, |hit| {
         for k in 0..3 {
             image[4 * hit.pixel + k] += hit.weight * colours[4 * hit.splat + k];
         }
@@ -64,9 +64,9 @@ pub fn forward<R: Real>(
 
 /// Gradient `[N,4]` of the colours from `v_image` `[H,W,4]`, whose fourth channel is unread.
 #[must_use]
-pub fn backward<R: Real>(splats: &[Option<Projected<R>>], v_image: &[R], size: [usize; 2]) -> Vec<R> {
+pub fn backward<R: Real>(splats: &[Option<Projected<R>>], v_image: &[R], screen: &Screen<R>) -> Vec<R> {
     let mut v_colours = vec![R::of(0.0); 4 * splats.len()];
-    each_term(splats, size, v_image, |hit| {
+    each_term(splats, screen, v_image, |hit| {
         for k in 0..3 {
             v_colours[4 * hit.splat + k] += hit.weight * v_image[4 * hit.pixel + k];
         }

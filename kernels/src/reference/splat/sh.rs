@@ -47,17 +47,27 @@ fn raw<R: Real>(coeffs: &[R], splat: usize, y: &[R]) -> [R; 3] {
 }
 
 /// `v` where the colour before the clamp is not below zero; NaN is not, and shows.
-pub(super) fn unclamped<R: Real>(raw: R, v: R) -> R {
+fn unclamped<R: Real>(raw: R, v: R) -> R {
     if raw < R::of(0.0) { R::of(0.0) } else { v }
 }
 
-/// Colours `[V,4]` of rows `splats` seen along `dirs` `[V,4]`; `coeffs` `[N,16,3]` includes the offsets.
+/// A colour from what it is before the clamp, at most `most`.
+pub(super) fn clamped<R: Real>(raw: R, most: R) -> R {
+    if raw > most { most } else { unclamped(raw, raw) }
+}
+
+/// The gradient before the clamp from the one behind it.
+pub(super) fn v_raw<R: Real>(raw: R, v: R, most: R) -> R {
+    if raw > most { R::of(0.0) } else { unclamped(raw, v) }
+}
+
+/// Colours `[V,4]` of rows `splats` seen along `dirs` `[V,4]`, at most `most`; `coeffs` `[N,16,3]` with the offsets.
 #[must_use]
-pub fn forward<R: Real>(coeffs: &[R], dirs: &[R], splats: &[usize], degree: u32) -> Vec<R> {
+pub fn forward<R: Real>(coeffs: &[R], dirs: &[R], splats: &[usize], degree: u32, most: R) -> Vec<R> {
     let mut colours = Vec::new();
     for (d, &splat) in dirs.chunks_exact(4).zip(splats) {
         let y = basis([d[0], d[1], d[2]], degree);
-        let colour = raw(coeffs, splat, &y[..bases(degree)]).map(|v| unclamped(v, v));
+        let colour = raw(coeffs, splat, &y[..bases(degree)]).map(|v| clamped(v, most));
         colours.extend([colour[0], colour[1], colour[2], R::of(0.0)]);
     }
     colours
@@ -75,9 +85,9 @@ pub fn before_clamp<R: Real>(coeffs: &[R], dirs: &[R], splats: &[usize], degree:
     colours
 }
 
-/// Gradient `[N,16,3]` of the coefficients; a channel whose colour before the clamp is < 0 has none.
+/// Gradient `[N,16,3]` of the coefficients; a channel whose colour is clamped has none.
 #[must_use]
-pub fn backward<R: Real>(coeffs: &[R], dirs: &[R], splats: &[usize], degree: u32, v_colours: &[R]) -> Vec<R> {
+pub fn backward<R: Real>(coeffs: &[R], dirs: &[R], splats: &[usize], degree: u32, most: R, v_colours: &[R]) -> Vec<R> {
     let mut v_coeffs = vec![R::of(0.0); coeffs.len()];
     for ((d, &splat), v) in dirs.chunks_exact(4).zip(splats).zip(v_colours.chunks_exact(4)) {
         let y = basis([d[0], d[1], d[2]], degree);
@@ -85,7 +95,7 @@ pub fn backward<R: Real>(coeffs: &[R], dirs: &[R], splats: &[usize], degree: u32
         let colour = raw(coeffs, splat, y);
         for (j, y) in y.iter().enumerate() {
             for k in 0..3 {
-                v_coeffs[48 * splat + 3 * j + k] += *y * unclamped(colour[k], v[k]);
+                v_coeffs[48 * splat + 3 * j + k] += *y * v_raw(colour[k], v[k], most);
             }
         }
     }

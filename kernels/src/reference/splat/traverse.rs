@@ -1,18 +1,26 @@
 //! Splats over pixels, front to back.
 
 use super::project::Projected;
+use super::rules::Rules;
 use crate::reference::real::Real;
 
-const MAX_ALPHA: f64 = 0.99;
-const MIN_ALPHA: f64 = 1.0 / 255.0;
 const STOP_TRANSMITTANCE: f64 = 1e-4;
 
-/// Splats in the order they are blended: by depth, ties by index.
+/// What splats are drawn on, and how.
+#[derive(Clone, Copy, Debug)]
+pub struct Screen<R> {
+    /// Width and height in px.
+    pub size: [usize; 2],
+    /// How splats are blended.
+    pub rules: Rules<R>,
+}
+
+/// Splats in the order they are blended: by their keys, ties by index.
 #[must_use]
 pub fn depth_order<R: Real>(splats: &[Option<Projected<R>>]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..splats.len()).filter(|&i| splats[i].is_some()).collect();
-    let depth = |i: usize| splats[i].as_ref().map_or(R::of(0.0), |s| s.depth);
-    order.sort_by(|&a, &b| depth(a).partial_cmp(&depth(b)).unwrap_or(std::cmp::Ordering::Equal));
+    let key = |i: usize| splats[i].as_ref().map_or(R::of(0.0), |s| s.key);
+    order.sort_by(|&a, &b| key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal));
     order
 }
 
@@ -27,10 +35,18 @@ pub struct Hit<R> {
     pub weight: R,
 }
 
+/// Opacity of a splat whose natural exponent at a pixel is `power`; nothing where it does not count.
+fn alpha_at<R: Real>(opacity: R, power: R, rules: &Rules<R>) -> Option<R> {
+    let within = power <= R::of(0.0) && rules.reach.is_none_or(|reach| power >= R::of(-0.5) * reach * reach);
+    let falloff = (power.exp() - rules.foot) / (R::of(1.0) - rules.foot);
+    let alpha = (opacity * falloff).min(rules.max_alpha);
+    (within && alpha >= rules.min_alpha).then_some(alpha)
+}
+
 /// Walks splats front to back over the pixels of their 16 x 16 tiles (Kerbl et al. 2023) and returns
-/// the final transmittance `[H,W]`; `size` is width, height.
-pub fn traverse<R: Real>(splats: &[Option<Projected<R>>], size: [usize; 2], mut visit: impl FnMut(Hit<R>)) -> Vec<R> {
-    let [width, height] = size;
+/// the final transmittance `[H,W]`.
+pub fn traverse<R: Real>(splats: &[Option<Projected<R>>], screen: &Screen<R>, mut visit: impl FnMut(Hit<R>)) -> Vec<R> {
+    let Screen { size: [width, height], rules } = *screen;
     let mut transmittance = vec![R::of(1.0); width * height];
     let mut stopped = vec![false; width * height];
     for splat in depth_order(splats) {
@@ -42,14 +58,12 @@ pub fn traverse<R: Real>(splats: &[Option<Projected<R>>], size: [usize; 2], mut 
                 let (dx, dy) = (s.mean2d[0] - R::of(x as f64), s.mean2d[1] - R::of(y as f64));
                 let [a, b, c] = s.conic;
                 let power = R::of(-0.5) * (a * dx * dx + c * dy * dy) - b * dx * dy;
-                let alpha = (s.opacity * power.exp()).min(R::of(MAX_ALPHA));
-                if stopped[pixel] || power > R::of(0.0) || alpha < R::of(MIN_ALPHA) {
-                    continue;
-                }
+                let Some(alpha) = alpha_at(s.opacity, power, &rules).filter(|_| !stopped[pixel]) else { continue };
                 let next = transmittance[pixel] * (R::of(1.0) - alpha);
                 stopped[pixel] = next < R::of(STOP_TRANSMITTANCE);
-                let weight = if stopped[pixel] { R::of(0.0) } else { alpha * transmittance[pixel] };
-                if !stopped[pixel] {
+                let drawn = !stopped[pixel] || rules.ends_behind;
+                let weight = if drawn { alpha * transmittance[pixel] } else { R::of(0.0) };
+                if drawn {
                     transmittance[pixel] = next;
                 }
                 visit(Hit { splat, pixel, weight });
