@@ -112,8 +112,8 @@ pub(crate) struct VerifyArgs {
     known_cameras: bool,
     /// With --original: do not look for where films were taken
     ///
-    /// Where the message alone does not prove it and no --cameras are given, the film is located as `locate` does, which
-    /// takes minutes, and the owner's chips are read in it. They are the second of two readings either way.
+    /// Where the message alone does not prove it and no --cameras are given, the film is located as `locate` does, and
+    /// the owner's chips are read in it, which takes minutes. They are the second of two readings either way.
     #[arg(long)]
     no_locate: bool,
     /// Write the verdict as a page for people: one HTML file that needs no other and no network

@@ -7,10 +7,8 @@ use guard4d_engine::error::EngineError;
 use guard4d_engine::locate::film::Locator;
 use guard4d_engine::scene::Model;
 
+use super::session::SharedLocator;
 use crate::flags::common::Common;
-
-/// One search at a time is done by it.
-pub(crate) type SharedLocator = Arc<Mutex<Locator>>;
 
 /// Pictures of an original to look for, drawn when they are first asked for.
 pub(crate) fn of(device: &Device, original: &Model, common: &Common) -> Result<SharedLocator, EngineError> {

@@ -10,11 +10,13 @@ use guard4d_engine::base::held::Held;
 use guard4d_engine::detect::verify_cache::VerifyCache;
 use guard4d_engine::device::Device;
 use guard4d_engine::error::EngineError;
+use guard4d_engine::locate::film::Locator;
 use guard4d_engine::networks::clip::ClipModel;
 use guard4d_engine::watermark::key::owner_key::Key;
 use serde_json::Value;
 
-use super::locator::SharedLocator;
+/// What looks for an original in films, one film at a time.
+pub(crate) type SharedLocator = Arc<Mutex<Locator>>;
 
 /// A file, and hashes of what a key came of.
 type Opened = (PathBuf, Vec<Digest>);

@@ -8,10 +8,10 @@ use guard4d_engine::evidence::id_code::{IdBits, SearchedP};
 use guard4d_engine::evidence::judgement::PStatement;
 use guard4d_engine::evidence::negative_controls::PooledResult;
 use guard4d_engine::evidence::other_keys::OtherKeysResult;
+use guard4d_engine::locate::finding::LocateReport;
 use guard4d_engine::media::framing::Rect;
 use guard4d_engine::picture::part::Framings;
 use guard4d_engine::picture::undo_guess::UndoGuess;
-use guard4d_engine::locate::finding::LocateReport;
 
 use super::dates::{date_in_words, not_shown, root_in_words};
 use super::report::{Row, evidence_in_words, percent, power, table};
@@ -73,7 +73,8 @@ pub(crate) fn human(report: &VerifyReport) -> String {
 
 /// In how much of a film the original was found.
 pub(super) fn found_in_words(found: &LocateReport) -> String {
-    let likeness = found.likeness.map_or_else(String::new, |likeness| format!(", {likeness:.2} of 1 like the original"));
+    let likeness =
+        found.likeness.map_or_else(String::new, |likeness| format!(", {likeness:.2} of 1 like the original"));
     format!("{} of {} frames{likeness}", found.located, found.looked_at)
 }
 

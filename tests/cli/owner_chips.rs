@@ -92,10 +92,21 @@ fn a_film_from_above_proves_the_asset_by_its_chips_alone() {
     assert!(found["owner_chips"]["p"].as_f64().is_some_and(|p| p > 1e-3), "{found}");
     assert_ne!(found["verdict"], "present", "{found}");
 
-    // Without the original, or with cameras of another film, they are not read.
+    // A film whose cameras nobody gives is located.
+    let (film, marked) = (owner.at("round"), owner.at("out/marked"));
+    let from: Vec<&str> = "--orbit 90 --frames 1 --elevation 30 --size 224x168".split(' ').collect();
+    let mut args: Vec<&dyn AsRef<OsStr>> = vec![&"render", &marked, &"--out", &film];
+    args.extend(from.iter().map(|word| word as &dyn AsRef<OsStr>));
+    guard4d(&args).done();
+    let found = json(&owner.verify("round", "out", &[&"--original", &scene, &"--max-frames", &"6", &"--json"]));
+    assert_eq!((&found["located"][0]["located"], &found["owner_chips"]["frames"]), (&6.into(), &6.into()), "{found}");
+    assert_eq!((&found["verdict"], &found["owner_chips"]["proves"]), (&"present".into(), &true.into()), "{found}");
+    assert_eq!(found["evidence"]["p_value"]["searched"], 2, "both readings count: {found}");
+
+    // Without the original they are not read, nor unasked.
     let blind = json(&owner.verify("leak", "out", &[&"--json"]));
     assert!(blind["owner_chips"].is_null() && blind["evidence"]["p_value"]["kind"] == "exact", "{blind}");
-    let orbit = json(&owner.verify("leak", "out", &[&"--original", &scene, &"--orbit", &"8", &"--json"]));
+    let orbit = json(&owner.verify("leak", "out", &[&"--original", &scene, &"--no-locate", &"--json"]));
     assert!(orbit["owner_chips"].is_null(), "{orbit}");
 
     // A mark without chips says nothing by them.

@@ -79,6 +79,7 @@ fn help_shows_what_users_need_in_narrow_lines() {
         "undo",
         "stamp",
         "ledger",
+        "locate",
         "trace",
         "render",
         "attack",

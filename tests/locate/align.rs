@@ -54,7 +54,10 @@ fn a_pose_that_is_off_comes_to_where_the_film_was_taken() {
     let begun = pose;
     let mut likeness = 0.0;
     for plan in PLANS {
-        pose = *moments(&mut stage, &frame, &pose, Detail::Width(64), 0.15).expect("looks").first().expect("the pose's own at least");
+        pose = *moments(&mut stage, &frame, &pose, Detail::Width(64), 0.15)
+            .expect("looks")
+            .first()
+            .expect("the pose's own at least");
         let fit = align(&mut stage, &frame, &pose, plan).expect("aligns");
         (pose, likeness) = (fit.pose, fit.correlation);
     }

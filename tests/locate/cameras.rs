@@ -54,12 +54,8 @@ fn frames_that_were_not_looked_at_are_between_those_that_were_and_are_guesses() 
 
 #[test]
 fn bars_and_mirrors_are_in_the_cameras() {
-    let track = |is_mirrored| Track {
-        frames: vec![Some(fit(0.2, 0.1))],
-        shots: vec![0..1],
-        is_mirrored,
-        guess: None,
-    };
+    let track =
+        |is_mirrored| Track { frames: vec![Some(fit(0.2, 0.1))], shots: Vec::from([0..1]), is_mirrored, guess: None };
     let inside = Rect { x: 0, y: 30, width: 320, height: 180 };
     let plain = cameras(&track(false), &reading(1, 1, inside)).views[0].camera;
     let mirrored = cameras(&track(true), &reading(1, 1, inside)).views[0].camera;
@@ -69,7 +65,10 @@ fn bars_and_mirrors_are_in_the_cameras() {
     assert!((seen(&plain) - seen(&part) - glam::Vec2::new(0.0, 30.0)).length() < 1e-3, "below the bar");
     assert_eq!((plain.width, plain.height, plain.is_mirrored()), (320, 240, false));
     assert!(mirrored.is_mirrored());
-    assert!((seen(&mirrored).x - (319.0 - seen(&plain).x)).abs() < 1e-3 && (seen(&mirrored).y - seen(&plain).y).abs() < 1e-3);
+    assert!(
+        (seen(&mirrored).x - (319.0 - seen(&plain).x)).abs() < 1e-3
+            && (seen(&mirrored).y - seen(&plain).y).abs() < 1e-3
+    );
     // Files say both.
     let set = cameras(&track(true), &reading(1, 1, inside));
     let back = CameraSet::parse(std::path::Path::new("film.json"), &set.film_json(), FrameSize::DNERF).expect("a file");
@@ -79,8 +78,12 @@ fn bars_and_mirrors_are_in_the_cameras() {
 
 #[test]
 fn what_was_not_found_is_a_guess_in_all_frames() {
-    let track =
-        Track { frames: vec![None, None], shots: vec![0..2], is_mirrored: false, guess: Some(fit(0.2, 0.1).pose) };
+    let track = Track {
+        frames: vec![None, None],
+        shots: Vec::from([0..2]),
+        is_mirrored: false,
+        guess: Some(fit(0.2, 0.1).pose),
+    };
     let set = cameras(&track, &reading(2, 1, WHOLE));
     assert!(set.film().iter().all(Option::is_none) && !track.is_found());
     let back = CameraSet::parse(std::path::Path::new("film.json"), &set.film_json(), FrameSize::DNERF).expect("a file");

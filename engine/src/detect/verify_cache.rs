@@ -54,7 +54,8 @@ impl VerifyCache {
     /// # Errors
     /// Those of [`Locator::new`].
     pub fn locator(&self, device: &Device, original: &Model) -> Result<Arc<Mutex<Locator>>, EngineError> {
-        self.locator.get(original.digest(), || Locator::new(device, original).map(|locator| Arc::new(Mutex::new(locator))))
+        self.locator
+            .get(original.digest(), || Locator::new(device, original).map(|locator| Arc::new(Mutex::new(locator))))
     }
 
     /// [`refit`], unless that is what was done last.

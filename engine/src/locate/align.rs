@@ -227,20 +227,20 @@ impl Slope {
     /// What is free in a plan.
     fn at(stage: &mut Stage, film: &Target, at: &Compared, pose: &Pose, plan: Plan) -> Result<Self, EngineError> {
         let mut of = [const { None }; PARAMETERS];
+        let moves = stage.moves();
         let is_free = |parameter: usize| match parameter {
             LENS => plan.lens,
-            TIME => plan.time && stage.moves(),
+            TIME => plan.time && moves,
             _ => true,
         };
-        let free: Vec<usize> = (0..PARAMETERS).filter(|parameter| is_free(*parameter)).collect();
         if plan.way != Way::Exact {
             let known = Self::by_flow(stage, film, at, pose)?;
             known.into_iter().zip(&mut of).for_each(|(known, of)| *of = Some(known));
         }
-        for parameter in 0..PARAMETERS {
-            if !free.contains(&parameter) {
-                of[parameter] = None;
-            } else if of[parameter].is_none() {
+        for (parameter, of) in of.iter_mut().enumerate() {
+            if !is_free(parameter) {
+                *of = None;
+            } else if of.is_none() {
                 let by = match (parameter, stage.is_rough()) {
                     (TIME, true) => 1.0 / f64::from(MOMENTS),
                     _ => PROBE_PX / film.picture.width as f64 / pose.reach()[parameter],
@@ -248,7 +248,7 @@ impl Slope {
                 // Time ends.
                 let by = if parameter == TIME && pose.time + by > 1.0 { -by } else { by };
                 let probe = Probe { parameter, by, on_both_sides: plan.way == Way::Exact };
-                of[parameter] = Some(Self::drawn(stage, film, at, pose, probe)?);
+                *of = Some(Self::drawn(stage, film, at, pose, probe)?);
             }
         }
         Ok(Self { of })

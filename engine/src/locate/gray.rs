@@ -56,8 +56,7 @@ impl Gray {
             return self;
         }
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a side, at most `longest_px`")]
-        let [width, height] =
-            [self.width, self.height].map(|side| (side as f64 * scale).round().max(1.0) as usize);
+        let [width, height] = [self.width, self.height].map(|side| (side as f64 * scale).round().max(1.0) as usize);
         self.resized(width, height)
     }
 

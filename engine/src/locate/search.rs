@@ -32,7 +32,6 @@ const MIDDLE: Plan = Plan { detail: Detail::Radius(32.0), steps: 10, lens: true,
 const SWEEP: Plan = Plan { detail: Detail::Radius(48.0), steps: 4, lens: false, time: false, way: Way::Small };
 const FINE: Plan = Plan { detail: Detail::Radius(72.0), steps: 8, lens: true, time: true, way: Way::Small };
 
-
 const EXACT: Plan = Plan { detail: Detail::Radius(90.0), steps: 10, lens: true, time: true, way: Way::Exact };
 
 /// Where a frame was taken, as well as can be told from it alone; none for a bank without pictures.
@@ -63,8 +62,8 @@ pub fn anywhere(stage: &mut Stage, bank: &Bank, frame: &Gray) -> Result<Option<F
     }
 }
 
-/// A fit, or a better one at another moment: a turn can hide what moves, so that each moment is tried with the pose that
-/// fits there, from one to the next.
+/// A fit, or a better one at another moment: a turn can hide what moves, so that each moment is tried with the pose
+/// that fits there, from one to the next.
 fn at_any_moment(stage: &mut Stage, frame: &Gray, best: Fit) -> Result<Fit, EngineError> {
     let mut fits = Vec::new();
     for way in [-1.0, 1.0] {

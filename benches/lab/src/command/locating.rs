@@ -72,8 +72,8 @@ pub(super) fn run(args: &LocatingArgs, host: &dyn Host) -> Result<(), EngineErro
             let row = measure::film(&case, &mut locator, &shots, folder.path())?;
             let row = LocatedRow { asset: asset.clone(), film: number, attack: of, ..row };
             host.note(&format!(
-                "{asset} {number} {}: found {}, {:.2} px, {:.4} of the motion, {:.0} % near, likeness {:.2}, T {:.1} of \
-                 {:.1}, {:.0} s",
+                "{asset} {number} {}: found {}, {:.2} px, {:.4} of the motion, {:.0} % near, likeness {:.2}, \
+                 T {:.1} of {:.1}, {:.0} s",
                 row.attack,
                 row.found,
                 row.error_px,

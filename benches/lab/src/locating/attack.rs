@@ -77,8 +77,7 @@ impl Attack {
         let Some(first) = frames.first() else { return Ok(Spoilt { frames, shots }) };
         let (width, height) = (first.width(), first.height());
         type Edited = Result<Frame, EngineError>;
-        let each =
-            |edit: &dyn Fn(&Frame) -> Edited| frames.iter().map(edit).collect::<Result<Vec<_>, EngineError>>();
+        let each = |edit: &dyn Fn(&Frame) -> Edited| frames.iter().map(edit).collect::<Result<Vec<_>, EngineError>>();
         let frames: Vec<Frame> = match self {
             Self::None | Self::Crf35 | Self::Background => frames,
             Self::Half => {
@@ -105,7 +104,11 @@ impl Attack {
                 shots.iter_mut().for_each(|(camera, _)| *camera = camera.mirrored());
                 each(&|frame| {
                     let rows = frame.rgb().chunks_exact(3 * width as usize);
-                    Frame::new(width, height, rows.flat_map(|row| row.chunks_exact(3).rev().flatten().copied()).collect())
+                    Frame::new(
+                        width,
+                        height,
+                        rows.flat_map(|row| row.chunks_exact(3).rev().flatten().copied()).collect(),
+                    )
                 })?
             }
             Self::Brighter => changed(&frames, |level| 1.2 * level)?,
@@ -114,7 +117,8 @@ impl Attack {
             Self::Harder => changed(&frames, |level| 0.5 + 1.2 * (level - 0.5))?,
             Self::Gamma => changed(&frames, |level| level.powf(1.2))?,
             Self::Repeated => {
-                let order: Vec<usize> = (0..frames.len()).flat_map(|at| vec![at; 1 + usize::from(at % 4 == 3)]).collect();
+                let order: Vec<usize> =
+                    (0..frames.len()).flat_map(|at| vec![at; 1 + usize::from(at % 4 == 3)]).collect();
                 shots = order.iter().map(|at| shots[*at]).collect();
                 order.iter().map(|at| frames[*at].clone()).collect()
             }
@@ -132,7 +136,7 @@ impl Attack {
     #[must_use]
     pub fn background(self, [x, y]: [usize; 2]) -> Option<[f32; 3]> {
         let [a, b] = [x, y].map(|side| (side as f32 / 17.0).sin());
-        (self == Self::Background).then(|| [0.45 + 0.2 * a, 0.5 + 0.2 * b, 0.6 - 0.1 * a * b])
+        (self == Self::Background).then_some([0.45 + 0.2 * a, 0.5 + 0.2 * b, 0.6 - 0.1 * a * b])
     }
 }
 

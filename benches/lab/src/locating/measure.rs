@@ -86,12 +86,7 @@ pub struct Case<'a> {
 ///
 /// # Errors
 /// When the device or ffmpeg fails.
-pub fn film(
-    case: &Case<'_>,
-    locator: &mut Locator,
-    shots: &Shots,
-    folder: &Path,
-) -> Result<LocatedRow, EngineError> {
+pub fn film(case: &Case<'_>, locator: &mut Locator, shots: &Shots, folder: &Path) -> Result<LocatedRow, EngineError> {
     let Case { device, issue, attack, .. } = *case;
     let spoilt = attack.apply(draw(case, shots)?, shots, folder)?;
     let path = folder.join("film.mkv");

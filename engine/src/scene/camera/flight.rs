@@ -67,7 +67,12 @@ impl CameraSet {
             let along = frame as usize * legs;
             let part = (along % divisor) as f64 / divisor as f64;
             let camera = between(&stops[along / divisor..], part, size);
-            View { name: format!("flight_{frame:05}"), camera, times: vec![narrow(f64::from(frame) / end)], located: true }
+            View {
+                name: format!("flight_{frame:05}"),
+                camera,
+                times: vec![narrow(f64::from(frame) / end)],
+                located: true,
+            }
         });
         Ok(Self { views: views.collect(), in_sequence: true })
     }

@@ -215,7 +215,11 @@ pub(super) fn between(rng: &mut ChaCha8Rng, low: f64, high: f64) -> f64 {
 }
 
 pub(super) fn named(stem: &str, views: u32, mut camera: impl FnMut(u32) -> Camera) -> CameraSet {
-    let views =
-        (0..views).map(|index| View { name: format!("{stem}_{index:03}"), camera: camera(index), times: Vec::new(), located: true });
+    let views = (0..views).map(|index| View {
+        name: format!("{stem}_{index:03}"),
+        camera: camera(index),
+        times: Vec::new(),
+        located: true,
+    });
     CameraSet { views: views.collect(), in_sequence: false }
 }
