@@ -80,7 +80,7 @@ fn pictures_are_compared_by_keyboard_and_stand_apart_on_paper() {
     guard4d(&[&render[..], &views()].concat()).done();
     let (key, receipt) = (owner.join("owner.key"), owner.join("out/private/receipt.json"));
     let verify: [&dyn AsRef<OsStr>; 6] = [&"verify", &film, &"--key", &key, &"--receipt", &receipt];
-    let more: [&dyn AsRef<OsStr>; 4] = [&"--report", &page, &"--original", &scene.path()];
+    let more: [&dyn AsRef<OsStr>; 5] = [&"--report", &page, &"--original", &scene.path(), &"--no-locate"];
     let run = guard4d(&[&verify[..], &more, &views()].concat());
     assert!([1, 4].contains(&run.code), "one step of training writes nothing: {}", run.stderr);
     let Some(seen) = browse(&page) else { return };

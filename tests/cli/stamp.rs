@@ -233,8 +233,8 @@ fn cameras_that_do_not_fit_the_film_are_told() {
     .done();
     show.trace("wide", &[]).refused(2, &["240x240 pixels", "the shape of 320x240"]);
     show.trace("leak", &["--fpr", "0"]).refused(2, &["--fpr", "between 0 and 1"]);
-    guard4d(&[&"trace", &wide, &"--original", &show.scene.path(), &"--ledger", &show.at("show.ledger")])
-        .refused(2, &["--cameras", "0 for 1 films"]);
+    let two = wide.to_str().expect("UTF-8");
+    show.trace("leak", &[two]).refused(2, &["--cameras", "1 for 2 films", "or none at all"]);
     guard4d(&[&"trace", &wide, &"--original", &show.scene.path(), &"--ledger", &wide.join("no.ledger")])
         .refused(66, &["no.ledger", "guard4d stamp"]);
 }

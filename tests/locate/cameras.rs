@@ -54,8 +54,12 @@ fn frames_that_were_not_looked_at_are_between_those_that_were_and_are_guesses() 
 
 #[test]
 fn bars_and_mirrors_are_in_the_cameras() {
-    let track =
-        |is_mirrored| Track { frames: vec![Some(fit(0.2, 0.1))], shots: Vec::from([0..1]), is_mirrored, guess: None };
+    let track = |is_mirrored| Track {
+        frames: vec![Some(fit(0.2, 0.1))],
+        shots: std::iter::once(0..1).collect(),
+        is_mirrored,
+        guess: None,
+    };
     let inside = Rect { x: 0, y: 30, width: 320, height: 180 };
     let plain = cameras(&track(false), &reading(1, 1, inside)).views[0].camera;
     let mirrored = cameras(&track(true), &reading(1, 1, inside)).views[0].camera;
@@ -80,7 +84,7 @@ fn bars_and_mirrors_are_in_the_cameras() {
 fn what_was_not_found_is_a_guess_in_all_frames() {
     let track = Track {
         frames: vec![None, None],
-        shots: Vec::from([0..2]),
+        shots: std::iter::once(0..2).collect(),
         is_mirrored: false,
         guess: Some(fit(0.2, 0.1).pose),
     };

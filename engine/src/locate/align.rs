@@ -175,6 +175,16 @@ pub fn align(stage: &mut Stage, film: &Gray, begun: &Pose, plan: Plan) -> Result
     Ok(Fit { pose, cost: at.cost(bound), correlation, lens_weight, tied })
 }
 
+/// What a pose costs as it is: mean square of what differs after the best exposure.
+///
+/// # Errors
+/// When memory runs out or the device fails.
+pub fn cost_of(stage: &mut Stage, film: &Gray, pose: &Pose, plan: Plan) -> Result<f64, EngineError> {
+    let target = Target::new(film, plan.detail.width_px(pose), plan.way)?;
+    let left = target.compare(stage, pose, None)?.left;
+    Ok(cost(&left.residual, f64::INFINITY))
+}
+
 /// Moments at which a film's picture is like the asset from a pose, the likeliest first: of those that are kept within
 /// `reach` of the pose's, each that is likelier than both of its neighbours. Movement goes there and back, so that what
 /// is near is not always downhill, and what is most alike in a small picture not always right.

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use guard4d_kernels::Device;
 
-use super::align::{Detail, Fit, Plan, Way, align, moments};
+use super::align::{Detail, Fit, Plan, Way, align, cost_of, moments};
 use super::bank::Bank;
 use super::gray::Gray;
 use super::pose::Pose;
@@ -35,6 +35,9 @@ const TELLING: usize = 10;
 /// How far a frame is from between its neighbours to be looked at again: in pixels, and of what is usual.
 const APART_PX: f64 = 2.0;
 const APART_OF_USUAL: f64 = 4.0;
+/// What a place costs, of an earlier one, to be begun at instead: movement is even, and where a turn hides it pictures
+/// say little of how far along it is.
+const MUCH_BETTER: f64 = 0.6;
 /// What a frame costs, of what is usual beside it, to be looked at again; moments that are tried then.
 const DEAR: f64 = 1.4;
 const BESIDE: usize = 4;
@@ -155,7 +158,7 @@ impl Locator {
         }
         let mut fits: Vec<Fit> = fits.into_iter().flatten().collect();
         self.stage.set_rough(false);
-        self.settle(frames, &mut fits, work)?;
+        self.settle(frames, &mut fits, begun.frame, work)?;
         let usual = median(fits.iter().map(|fit| fit.correlation));
         let is_sure = |fit: &Fit| usual >= FOUND && fit.correlation >= LEFT_OUT * usual;
         Ok(fits.into_iter().map(|fit| is_sure(&fit).then_some(fit)).collect())
@@ -209,7 +212,13 @@ impl Locator {
     }
 
     /// Brings all frames of a shot to where they fit best with one lens, and beside each other.
-    fn settle(&mut self, frames: &[Gray], fits: &mut [Fit], work: &mut Work<'_>) -> Result<(), EngineError> {
+    fn settle(
+        &mut self,
+        frames: &[Gray],
+        fits: &mut [Fit],
+        begun: usize,
+        work: &mut Work<'_>,
+    ) -> Result<(), EngineError> {
         let stage = &mut self.stage;
         let usual = median(fits.iter().map(|fit| fit.pose.lens));
         let telling = TELLING.min(frames.len());
@@ -222,13 +231,28 @@ impl Locator {
             lenses.push(Weighed { value: fit.pose.lens, weight: fit.lens_weight });
         }
         let lens = weighted_median(lenses).unwrap_or(usual);
-        for at in 0..frames.len() {
-            work.one("cameras refined")?;
-            if at > 0 && is_same(&frames[at], &frames[at - 1]) {
-                fits[at] = fits[at - 1];
-            } else {
-                let fit = align(stage, &frames[at], &with_lens(fits[at].pose, lens), LAST)?;
-                fits[at] = if fit.tied > TIED { align(stage, &frames[at], &fit.pose, LAST_EXACTLY)? } else { fit };
+        // From the frame that was found first to both ends: what was mended there is mended in the next, too.
+        let found = fits.to_vec();
+        let forward: Vec<usize> = (begun..frames.len()).collect();
+        let backward: Vec<usize> = (0..begun).rev().collect();
+        for way in [forward, backward] {
+            for at in way {
+                work.one("cameras refined")?;
+                let toward = |by: usize| if at > begun { at.checked_sub(by) } else { Some(at + by) };
+                let between = begun.min(at)..=begun.max(at);
+                let known = |by: usize| toward(by).filter(|other| at != begun && between.contains(other));
+                if let Some(beside) = known(1).filter(|beside| is_same(&frames[at], &frames[*beside])) {
+                    fits[at] = fits[beside];
+                    continue;
+                }
+                let mut starts = Vec::new();
+                if let Some(last) = known(1) {
+                    let ahead = known(2).map(|earlier| fits[last].pose.since(&fits[earlier].pose));
+                    starts.push(fits[last].pose.moved(&ahead.unwrap_or_default()));
+                    starts.push(found[at].pose.moved(&fits[last].pose.since(&found[last].pose)));
+                }
+                starts.push(found[at].pose);
+                fits[at] = last_steps(&mut self.stage, &frames[at], &starts, lens)?;
             }
         }
         self.look_again(frames, fits, work)
@@ -265,6 +289,19 @@ impl Locator {
         }
         Ok(())
     }
+}
+
+/// A frame's last steps, from the first of several places unless it fits much better in another.
+fn last_steps(stage: &mut Stage, frame: &Gray, starts: &[Pose], lens: f64) -> Result<Fit, EngineError> {
+    let mut best: Option<(Pose, f64)> = None;
+    for start in starts {
+        let start = with_lens(*start, lens);
+        let cost = cost_of(stage, frame, &start, LAST)?;
+        best = best.filter(|(_, least)| MUCH_BETTER * *least <= cost).or(Some((start, cost)));
+    }
+    let (start, _) = best.expect("it starts somewhere");
+    let fit = align(stage, frame, &start, LAST)?;
+    if fit.tied > TIED { align(stage, frame, &fit.pose, LAST_EXACTLY) } else { Ok(fit) }
 }
 
 /// Between the poses of a frame's neighbours, where it has two.
