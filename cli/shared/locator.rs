@@ -7,14 +7,11 @@ use guard4d_engine::error::EngineError;
 use guard4d_engine::locate::film::Locator;
 use guard4d_engine::scene::Model;
 
-use super::session::SharedLocator;
 use crate::flags::common::Common;
 
-/// Pictures of an original to look for, drawn when they are first asked for.
-pub(crate) fn of(device: &Device, original: &Model, common: &Common) -> Result<SharedLocator, EngineError> {
-    let make = || Locator::new(device, original).map(|locator| Arc::new(Mutex::new(locator)));
-    match &common.session {
-        Some(session) => session.locator(original.digest(), make),
-        None => make(),
-    }
+/// Pictures of an original to look for, drawn when they are first asked for: those that `verify` looks for, too. One
+/// film at a time.
+pub(crate) fn of(device: &Device, original: &Model, common: &Common) -> Result<Arc<Mutex<Locator>>, EngineError> {
+    let cache = common.session.as_ref().map(|session| session.verify_cache()).unwrap_or_default();
+    cache.locator(device, original)
 }

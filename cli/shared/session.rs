@@ -10,13 +10,9 @@ use guard4d_engine::base::held::Held;
 use guard4d_engine::detect::verify_cache::VerifyCache;
 use guard4d_engine::device::Device;
 use guard4d_engine::error::EngineError;
-use guard4d_engine::locate::film::Locator;
 use guard4d_engine::networks::clip::ClipModel;
 use guard4d_engine::watermark::key::owner_key::Key;
 use serde_json::Value;
-
-/// What looks for an original in films, one film at a time.
-pub(crate) type SharedLocator = Arc<Mutex<Locator>>;
 
 /// A file, and hashes of what a key came of.
 type Opened = (PathBuf, Vec<Digest>);
@@ -30,8 +26,6 @@ pub(crate) struct Session {
     /// By its file, and hashes of what it came of. Rows of one key stand beside each other.
     key: Held<Opened, Key>,
     verify_cache: Arc<VerifyCache>,
-    /// By the original.
-    locator: Held<Digest, SharedLocator>,
     printed: Mutex<Option<Value>>,
 }
 
@@ -70,20 +64,10 @@ impl Session {
         Arc::clone(&self.verify_cache)
     }
 
-    /// What looks for an original in films, made when it is first asked for; the one before is forgotten.
-    pub(crate) fn locator(
-        &self,
-        original: Digest,
-        make: impl FnOnce() -> Result<SharedLocator, EngineError>,
-    ) -> Result<SharedLocator, EngineError> {
-        self.locator.get(original, make)
-    }
-
     /// Forgets the device, and what is on it or came of it.
     pub(crate) fn forget_device(&self) {
         self.clip.forget();
         self.verify_cache.forget();
-        self.locator.forget();
         self.device.forget();
     }
 

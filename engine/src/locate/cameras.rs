@@ -44,7 +44,7 @@ impl Track {
         match (before, behind) {
             (Some((from, a)), Some((to, b))) => {
                 let part = (at as f64 + beyond - from as f64) / (to - from) as f64;
-                Some(a.moved(&b.since(&a).map(|step| part * step)))
+                Some(a.toward(&b, part))
             }
             (Some((_, pose)), None) | (None, Some((_, pose))) => Some(pose),
             (None, None) => {

@@ -307,7 +307,7 @@ fn last_steps(stage: &mut Stage, frame: &Gray, starts: &[Pose], lens: f64) -> Re
 /// Between the poses of a frame's neighbours, where it has two.
 fn between(fits: &[Fit], at: usize) -> Option<Pose> {
     let (before, behind) = (fits.get(at.checked_sub(1)?)?.pose, fits.get(at + 1)?.pose);
-    Some(before.moved(&behind.since(&before).map(|step| 0.5 * step)))
+    Some(before.toward(&behind, 0.5))
 }
 
 /// Roughly how far two poses' pictures are apart, px of a picture of this width.

@@ -105,8 +105,7 @@ fn report(track: &Track, reading: &Reading) -> LocateReport {
     let mut apart = Vec::new();
     for trio in track.shots.iter().flat_map(|shot| track.frames[shot.clone()].windows(3)) {
         if let [Some(before), Some(at), Some(behind)] = trio {
-            let between = before.pose.moved(&behind.pose.since(&before.pose).map(|step| 0.5 * step));
-            apart.push(apart_px(&at.pose, &between, width));
+            apart.push(apart_px(&at.pose, &before.pose.toward(&behind.pose, 0.5), width));
         }
     }
     LocateReport {

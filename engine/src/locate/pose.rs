@@ -96,6 +96,12 @@ impl Pose {
         [turn.x, turn.y, turn.z, across, down, size, lens, time]
     }
 
+    /// On the way to another pose, 0 here and 1 there.
+    #[must_use]
+    pub fn toward(&self, other: &Self, part: f64) -> Self {
+        self.moved(&other.since(self).map(|step| part * step))
+    }
+
     /// How the picture of a point moves with each parameter but time, right and down, in widths for each unit; none at
     /// or behind the camera.
     ///
