@@ -6,6 +6,7 @@ use clap::{Args, Subcommand};
 use guard4d_engine::base::digest::Digest;
 use guard4d_engine::base::output::AtomicFile;
 use guard4d_engine::error::EngineError;
+use guard4d_engine::release::issue_key;
 use guard4d_engine::release::issue_root::root_of;
 use guard4d_engine::release::ledger::{CopyRecord, Ledger, Terms};
 use guard4d_engine::release::recipients::{Recipient, read};
@@ -43,6 +44,12 @@ enum Action {
     ///
     /// It says nothing to who lacks the ledger.
     Commit(CommitArgs),
+    /// Writes the issue's key as a file on its own: a backup that stays good while copies are added
+    Key(KeyArgs),
+    /// Makes a lost ledger again from its key
+    ///
+    /// Without a table of its copies it is empty: `add` the recipients in their old order, or `trace --copies`.
+    Restore(RestoreArgs),
 }
 
 /// A ledger.
@@ -104,6 +111,29 @@ struct CommitArgs {
     overwrite: Overwrite,
 }
 
+#[derive(Args, Debug)]
+struct KeyArgs {
+    #[command(flatten)]
+    file: LedgerFile,
+    /// File for the key; keep it private
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
+}
+
+#[derive(Args, Debug)]
+struct RestoreArgs {
+    /// The issue's key, as `ledger key` writes it
+    key: PathBuf,
+    /// Ledger to make
+    #[arg(long, value_name = "LEDGER")]
+    out: PathBuf,
+    /// Table of its copies, as `ledger export` writes it: .csv
+    #[arg(long, value_name = "FILE")]
+    copies: Option<PathBuf>,
+}
+
 /// What an issue is, without its secret.
 #[derive(Serialize)]
 struct About {
@@ -136,8 +166,21 @@ pub(crate) fn run(args: &LedgerArgs, common: &Common) -> Result<Outcome, EngineE
             let rows = [("root", root.root().to_string()), ("copies", (root.receipts() - 1).to_string())];
             print(common, &root, |_| table(&rows))?;
         }
+        Action::Key(args) => {
+            issue_key::write(&args.out, args.overwrite.existing(), Ledger::open(&args.file.ledger)?.terms())?;
+        }
+        Action::Restore(args) => restore(args)?,
     }
     Ok(Outcome::Done)
+}
+
+fn restore(args: &RestoreArgs) -> Result<(), EngineError> {
+    let terms = issue_key::read(&args.key)?;
+    // Read before the ledger is made, so that a bad table leaves none behind.
+    let copies = args.copies.as_deref().map(Ledger::read_csv).transpose()?.unwrap_or_default();
+    let mut ledger = Ledger::create(&args.out, &terms)?;
+    ledger.add(&copies, args.copies.as_deref().unwrap_or(&args.out))?;
+    Ok(())
 }
 
 fn add(args: &AddArgs, common: &Common) -> Result<(), EngineError> {

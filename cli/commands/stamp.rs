@@ -11,6 +11,7 @@ use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::release::ledger::{CopyRecord, Ledger, Terms};
 use guard4d_engine::release::recipients::{Recipient, read};
 use guard4d_engine::release::stamping::{CopyFolder, Stamped, stamp_all};
+use guard4d_engine::release::undo;
 use guard4d_engine::scene::Model;
 use serde::Serialize;
 
@@ -48,6 +49,9 @@ pub(crate) struct StampArgs {
     /// Receipt of the owner's mark in the model, whose hash the ledger keeps
     #[arg(long, value_name = "FILE")]
     receipt: Option<PathBuf>,
+    /// Also write what `undo` turns any copy back into the model with; keep it private
+    #[arg(long, value_name = "FILE")]
+    undo: Option<PathBuf>,
     /// Write the same copy again for recipients who have one
     #[arg(long)]
     again: bool,
@@ -94,6 +98,9 @@ pub(crate) fn run(args: &StampArgs, common: &Common) -> Result<Outcome, EngineEr
         opened => opened?,
     };
     ledger.check_original(model.digest(), model.gaussians.len())?;
+    if let Some(path) = &args.undo {
+        undo::write_for_copies(path, args.overwrite.existing(), &model)?;
+    }
     let records = reserve(&mut ledger, &recipients, args.again)?;
     let terms = ledger.terms().clone();
     let issue = Issue::new(&model, ledger.prf(), terms.strength);

@@ -12,9 +12,9 @@ use crate::ui::outcome::Outcome;
 /// What is restored, and where to.
 #[derive(Args, Debug)]
 pub(crate) struct UndoArgs {
-    /// Marked model: a folder, or a file of splats
+    /// Marked model or stamped copy: a folder, or a file of splats
     marked: PathBuf,
-    /// The private undo.safetensors that `embed` wrote with it
+    /// The private undo.safetensors that `embed` wrote with it, or the file of `stamp --undo`
     #[arg(long, value_name = "FILE")]
     undo: PathBuf,
     /// Folder for the original model

@@ -361,3 +361,82 @@ fn the_lab_measures_how_far_a_copy_stands_out() {
         assert_eq!(column(line, "wrong"), "0", "{line}");
     }
 }
+
+#[test]
+fn a_lost_ledger_is_made_again_from_its_key() {
+    if device().is_none() {
+        return;
+    }
+    let show = Show::new();
+    let (ledger, key, table) = (show.at("show.ledger"), show.at("show.key"), show.at("copies.csv"));
+    guard4d(&[&"ledger", &"key", &ledger, &"--out", &key]).done();
+    guard4d(&[&"ledger", &"key", &ledger, &"--out", &key]).refused(73, &["show.key", "it exists"]);
+    guard4d(&[&"ledger", &"export", &ledger, &"--out", &table]).done();
+    let list = |ledger: &Path| json(&guard4d(&[&"ledger", &"list", &ledger, &"--json"]));
+    let known = list(&ledger);
+    let lost = |name: &str| fs::remove_file(show.at(name)).expect("it was there");
+    // A table that cannot be, and a key that is none, leave nothing behind.
+    let text = fs::read_to_string(&table).expect("readable");
+    let [twice, short] = [show.at("twice.csv"), show.at("short.key")];
+    fs::write(&twice, text.replace("\n3,cleo", "\n2,cleo")).expect("writable");
+    let secret = fs::read_to_string(&key).expect("readable");
+    fs::write(&short, secret.replacen("\"secret\": \"", "\"secret\": \"zz", 1)).expect("writable");
+    let again = show.at("again.ledger");
+    let restore =
+        |key: &Path, table: &Path| guard4d(&[&"ledger", &"restore", &key, &"--out", &again, &"--copies", &table]);
+    restore(&key, &twice).refused(65, &["twice.csv: copy", "a number above 2"]);
+    restore(&short, &table).refused(65, &["short.key: secret", "64 hexadecimal digits"]);
+    assert!(!again.exists(), "none was made");
+    restore(&key, &table).done();
+    assert_eq!(list(&again), known, "numbers, names, hashes and dates");
+    restore(&key, &table).refused(73, &["again.ledger"]);
+    // From the key alone: copies are scored by their numbers.
+    lost("show.ledger");
+    guard4d(&[&"ledger", &"restore", &key, &"--out", &ledger]).done();
+    let run = show.trace("copies/bo", &["--copies", "1000", "--json"]);
+    run.done();
+    let named = &json(&run)["copies"];
+    assert_eq!((&named[0]["copy"], &named[0]["recipient"]), (&2.into(), &Value::Null), "{named}");
+    assert_eq!(named.as_array().map(Vec::len), Some(1));
+}
+
+#[test]
+fn any_copy_is_turned_back_to_the_byte() {
+    if device().is_none() {
+        return;
+    }
+    let folder = scratch();
+    let at = |name: &str| folder.path().join(name);
+    fs::write(at("scene.ply"), ply::encode(&gaussians(300, 1, 5))).expect("writable");
+    for name in ["scene.ply", "scene.spz", "scene.glb"] {
+        let (ledger, undo) = (at(&format!("{name}.ledger")), at(&format!("{name}.undo")));
+        if name != "scene.ply" {
+            guard4d(&[&"convert", &at("scene.ply"), &at(name), &"--lossy"]).done();
+        }
+        let out = at(&format!("{name}.copies"));
+        let stamp = |to: &str, more: &[&dyn AsRef<std::ffi::OsStr>]| {
+            let mut args: Vec<&dyn AsRef<std::ffi::OsStr>> = Vec::new();
+            let model = at(name);
+            args.extend([&"stamp" as &dyn AsRef<_>, &model, &"--ledger", &ledger, &"--to", &to, &"--out", &out]);
+            args.extend(more);
+            guard4d(&args)
+        };
+        stamp("ana,bo", &[&"--undo", &undo]).done();
+        // One file is for all copies, those that follow too.
+        stamp("cleo", &[]).done();
+        let original = fs::read(at(name)).expect("readable");
+        for recipient in ["ana", "bo", "cleo"] {
+            let copy = out.join(format!("{recipient}{}", name.trim_start_matches("scene")));
+            assert!(fs::read(&copy).expect("a copy") != original, "{name}: it was stamped");
+            let back = at("back");
+            guard4d(&[&"undo", &copy, &"--undo", &undo, &"--out", &back, &"-w"]).done();
+            let file = fs::read_dir(&back).expect("a folder").next().expect("a file").expect("readable").path();
+            assert!(fs::read(file).expect("readable") == original, "{name} of {recipient}: byte for byte");
+        }
+    }
+    // Somebody else's asset is not turned into anything.
+    fs::write(at("other.ply"), ply::encode(&gaussians(300, 1, 6))).expect("writable");
+    guard4d(&[&"undo", &at("other.ply"), &"--undo", &at("scene.ply.undo"), &"--out", &at("none")])
+        .refused(65, &["scene.ply.undo: original", "a model whose original hashes to"]);
+    assert!(!at("none").exists());
+}

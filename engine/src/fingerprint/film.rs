@@ -6,6 +6,7 @@
 
 use guard4d_kernels::{Buffer, Device};
 
+use super::lowpass::{Pictures, as_kept};
 use super::seen::{Seen, SplatEvidence};
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
@@ -322,19 +323,31 @@ fn difference(frame: &Frame, clean: &[f32]) -> Difference {
         levels.iter().all(|level| BETWEEN.contains(level)) && pixel[CHANNELS] <= UNCOVERED
     };
     let counted: Vec<bool> = pixels.clone().map(counts).collect();
-    let mut limited = vec![0.0f32; counted.len()];
+    let mut pictures = vec![[0.0f32; 2]; counted.len()];
     for (channel, weight) in LUMA.into_iter().enumerate() {
         let levels = pixels
             .clone()
             .map(|(levels, pixel)| Level { film: f32::from(levels[channel]) / 255.0, clean: pixel[channel] });
         let fit = Line::through(levels.clone().zip(&counted).filter(|(_, counted)| **counted).map(|(level, _)| level));
-        for (sum, Level { film, clean }) in limited.iter_mut().zip(levels) {
-            *sum += weight * (film - fit.at(clean));
+        for ([film, clean], level) in pictures.iter_mut().zip(levels) {
+            *film += weight * level.film;
+            *clean += weight * fit.at(level.clean);
         }
     }
-    for (limited, counted) in limited.iter_mut().zip(&counted) {
-        *limited = if *counted { limited.clamp(-LIMIT, LIMIT) } else { 0.0 };
-    }
+    // What does not count is as the clean picture, so that no edge of it is taken for detail.
+    let (film, clean): (Vec<f32>, Vec<f32>) = pictures
+        .iter()
+        .zip(&counted)
+        .map(|([film, clean], counted)| (if *counted { *film } else { *clean }, *clean))
+        .unzip();
+    let width = frame.width() as usize;
+    let kept = as_kept(&Pictures { film: &film, clean: &clean, counted: &counted, width });
+    let limited = film
+        .iter()
+        .zip(kept)
+        .zip(&counted)
+        .map(|((film, kept), counted)| if *counted { (film - kept).clamp(-LIMIT, LIMIT) } else { 0.0 })
+        .collect();
     Difference { limited, counted }
 }
 

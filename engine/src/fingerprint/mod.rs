@@ -13,6 +13,7 @@ pub mod fidelity;
 pub mod film;
 pub mod issue;
 mod looks;
+mod lowpass;
 pub mod power;
 pub mod seen;
 pub mod similarity;

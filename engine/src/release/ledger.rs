@@ -9,11 +9,11 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use rusqlite::{
     Connection, ErrorCode, OpenFlags, OptionalExtension as _, Row, Transaction, TransactionBehavior, params,
 };
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-use super::recipients::Recipient;
+use super::recipients::{Recipient, parse_list};
 use crate::base::digest::Digest;
-use crate::base::files::bad_data;
+use crate::base::files::{bad_data, read_file};
 use crate::base::output::{AtomicFile, Existing};
 use crate::base::prf::{MasterSecret, Prf};
 use crate::error::EngineError;
@@ -62,7 +62,7 @@ impl Terms {
 }
 
 /// A copy as the ledger knows it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CopyRecord {
     /// Its number, from 1 on.
     pub copy: u64,
@@ -271,21 +271,25 @@ impl Ledger {
             let expected = format!("the issue of {}", self.path.display());
             return Err(bad_data(&other.path, "issue", "another key, original or strength", expected));
         }
+        self.add(&other.copies()?, &other.path)
+    }
+
+    /// Adds copies that the file at `from` tells of, and says how many were new.
+    ///
+    /// # Errors
+    /// [`EngineError::BadData`] naming that file, for a number or name that two copies would have; then nothing is
+    /// added.
+    pub fn add(&mut self, records: &[CopyRecord], from: &Path) -> Result<u64, EngineError> {
         let path = self.path.clone();
-        let records = other.copies()?;
         let transaction = self.begin()?;
         let mut added = 0;
         for record in records {
-            added += u64::from(merge(&transaction, &record).map_err(|error| match error {
+            added += u64::from(merge(&transaction, record).map_err(|error| match error {
                 Unmerged::Database(error) => told(&path, error),
                 Unmerged::Clash(known) => {
                     let got = format!("copy {} for {}", record.copy, record.recipient);
-                    bad_data(
-                        &other.path,
-                        "copies",
-                        got,
-                        format!("copy {} for {}, as here", known.copy, known.recipient),
-                    )
+                    let expected = format!("copy {} for {}, as here", known.copy, known.recipient);
+                    bad_data(from, "copies", got, expected)
                 }
             })?);
         }
@@ -304,6 +308,28 @@ impl Ledger {
         let mut writer = csv::Writer::from_writer(Vec::new());
         self.copies()?.iter().for_each(|copy| writer.serialize(copy).expect("memory takes it"));
         Ok(writer.into_inner().expect("memory takes it"))
+    }
+
+    /// The copies of a table that [`csv`](Self::csv) wrote.
+    ///
+    /// # Errors
+    /// [`EngineError::MissingInput`], [`EngineError::Io`]; [`EngineError::BadData`] naming the line; those of
+    /// [`parse_list`].
+    pub fn read_csv(path: &Path) -> Result<Vec<CopyRecord>, EngineError> {
+        let bytes = read_file(path, "a table of copies")?;
+        let mut reader = csv::Reader::from_reader(bytes.as_slice());
+        let expected = "a table as `guard4d ledger export` writes it";
+        let records = reader.deserialize().collect::<Result<Vec<CopyRecord>, _>>();
+        let records = records.map_err(|error| bad_data(path, "csv", error, expected))?;
+        parse_list(records.iter().map(|record| record.recipient.as_str()))?;
+        let mut before = 0;
+        for CopyRecord { copy, .. } in &records {
+            if *copy <= before || i64::try_from(*copy).is_err() {
+                return Err(bad_data(path, "copy", copy, format!("a number above {before}, the one before it")));
+            }
+            before = *copy;
+        }
+        Ok(records)
     }
 
     fn begin(&mut self) -> Result<Transaction<'_>, EngineError> {

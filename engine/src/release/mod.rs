@@ -6,6 +6,7 @@ pub mod delivery;
 pub mod disclosure;
 pub mod evaluate;
 pub mod gate;
+pub mod issue_key;
 pub mod issue_root;
 pub mod ledger;
 pub mod owner_chips;
