@@ -65,6 +65,14 @@ impl<'a> Issue<'a> {
         Self { strength, ..self }
     }
 
+    /// An issue of the same asset at the same strength, by another key.
+    #[must_use]
+    pub fn by_another_key(&self, prf: Prf) -> Self {
+        let code = Code::draw(&prf, self.chips.num_chips());
+        let Self { model, original, ref chips, ref room, strength, .. } = *self;
+        Self { model, prf, original, chips: chips.clone(), code, room: room.clone(), strength }
+    }
+
     /// What the amplitudes of all octaves are multiplied by.
     #[must_use]
     pub fn strength(&self) -> f64 {

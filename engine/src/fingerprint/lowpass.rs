@@ -135,3 +135,78 @@ impl Blocks {
         (0..self.width * self.height).map(pixel).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// No multiple of a block's side.
+    const WIDTH: usize = 61;
+    const HEIGHT: usize = 45;
+
+    fn picture(pixel: impl Fn(usize, usize) -> f32) -> Vec<f32> {
+        (0..WIDTH * HEIGHT).map(|at| pixel(at % WIDTH, at / WIDTH)).collect()
+    }
+
+    fn kept(film: &[f32], clean: &[f32], counted: &[bool]) -> Vec<f32> {
+        as_kept(&Pictures { film, clean, counted, width: WIDTH })
+    }
+
+    fn largest(a: &[f32], b: &[f32]) -> f32 {
+        let largest = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(a.iter().chain(b).all(|value| value.is_finite()));
+        largest
+    }
+
+    /// Coarse shapes, and stripes of two pixels.
+    fn shapes(stripes: f32) -> Vec<f32> {
+        picture(|x, y| {
+            let fine = if (x + y) % 2 == 0 { stripes } else { -stripes };
+            0.5 + 0.2 * (x as f32 / 9.0).sin() * (y as f32 / 7.0).cos() + fine
+        })
+    }
+
+    #[test]
+    fn a_film_that_kept_all_is_compared_with_the_clean_picture() {
+        let clean = shapes(0.1);
+        // Rounding of 32-bit floats, in sums of 64.
+        assert!(largest(&kept(&clean, &clean, &vec![true; clean.len()]), &clean) < 1e-5);
+    }
+
+    #[test]
+    fn detail_that_a_codec_dropped_is_dropped_and_a_mark_is_left() {
+        let (clean, film) = (shapes(0.1), shapes(0.02));
+        let all = vec![true; clean.len()];
+        let whole =
+            (0..WIDTH * HEIGHT).filter(|at| at % WIDTH < WIDTH / SIDE * SIDE && at / WIDTH < HEIGHT / SIDE * SIDE);
+        let whole: Vec<usize> = whole.collect();
+        let rest = |film: &[f32], kept: &[f32]| -> Vec<f32> { whole.iter().map(|at| film[*at] - kept[*at]).collect() };
+        let left = rest(&film, &kept(&film, &clean, &all));
+        // Of 0.08; what is coarse is in the same groups as a little of the stripes.
+        assert!(left.iter().all(|left| left.abs() < 0.02), "{:?}", left.iter().fold(0.0f32, |a, b| a.max(b.abs())));
+        // Signs of a mark that the clean picture knows nothing of, whole numbers' hash.
+        let sign = |at: usize| if (at as u32).wrapping_mul(2_654_435_761) >> 31 == 0 { 0.004 } else { -0.004 };
+        let marked: Vec<f32> = film.iter().enumerate().map(|(at, level)| level + sign(at)).collect();
+        let with_mark = rest(&marked, &kept(&marked, &clean, &all));
+        let share: f32 = whole
+            .iter()
+            .zip(with_mark.iter().zip(&left))
+            .map(|(at, (with, without))| (with - without) * sign(*at))
+            .sum::<f32>()
+            / whole.iter().map(|at| sign(*at).powi(2)).sum::<f32>();
+        // 112 gains are fitted to 1960 pixels, and take that part of a mark at most.
+        assert!((0.9..1.01).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn blocks_that_hardly_count_say_nothing_of_others() {
+        let clean = shapes(0.1);
+        let counted: Vec<bool> = (0..clean.len()).map(|at| at % WIDTH < 32).collect();
+        let film: Vec<f32> =
+            clean.iter().zip(&counted).map(|(clean, counted)| if *counted { *clean } else { 0.3 * clean }).collect();
+        let kept = kept(&film, &clean, &counted);
+        let off = |at: &usize| (kept[*at] - clean[*at]).abs();
+        // As where all is kept: the dark half is not asked.
+        assert!((0..clean.len()).filter(|at| counted[*at]).all(|at| off(&at) < 1e-5));
+    }
+}

@@ -5,6 +5,7 @@ use std::ops::Range;
 use guard4d_kernels::code::copy_score::{self, BLOCK_CHIPS, Chips, KEY_WORDS};
 use guard4d_kernels::{Buffer, Device};
 
+use rayon::prelude::*;
 use serde::Serialize;
 
 use super::code::Position;
@@ -138,7 +139,7 @@ impl<'a> Scorer<'a> {
             let [log_p_family, log_p_estimate] = [tail.bound, tail.estimate].map(any);
             Ok(Scored { copy, score: self.in_deviations(score), log_p_family, log_p_estimate })
         };
-        let mut scored = best.into_iter().map(in_full).collect::<Result<Vec<_>, EngineError>>()?;
+        let mut scored = best.into_par_iter().map(in_full).collect::<Result<Vec<_>, EngineError>>()?;
         scored.sort_by(|a, b| b.score.total_cmp(&a.score));
         Ok(scored)
     }

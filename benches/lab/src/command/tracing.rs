@@ -8,7 +8,7 @@ use guard4d_engine::base::prf::{MasterSecret, Prf};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::fidelity::{DEFAULT_PSNR_DB, strength_for};
 use guard4d_engine::fingerprint::issue::Issue;
-use guard4d_engine::scene::Model;
+use guard4d_engine::scene::{Model, Motion};
 use guard4d_kernels::Device;
 
 use super::host::Host;
@@ -17,6 +17,7 @@ use crate::tracing::filmed::{Filmed, Size};
 use crate::tracing::leak::{Leak, RULES, without_removed};
 use crate::tracing::measure::{self, Reading};
 use crate::tracing::pages;
+use crate::tracing::rewritten::{WAYS, Way};
 
 /// Sizes of coalitions.
 const COALITIONS: [usize; 4] = [2, 3, 5, 8];
@@ -36,7 +37,7 @@ enum Part {
     Innocent,
     /// Copies that were mixed.
     Collusion,
-    /// Copies that somebody worked on, filmed and as assets.
+    /// Copies that somebody worked on, filmed and as assets; static ones also through `--splat-transform`.
     Models,
     /// A copy at several strengths.
     Stamping,
@@ -71,6 +72,9 @@ pub(super) struct TracingArgs {
     /// Table of readings; it grows, and what it has is not measured again
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// PlayCanvas' splat-transform, which static copies are rewritten by
+    #[arg(long, value_name = "PROGRAM")]
+    splat_transform: Option<PathBuf>,
     /// Folder for a page of tables and charts of all that the table has
     #[arg(long, value_name = "FOLDER")]
     page: Option<PathBuf>,
@@ -84,6 +88,7 @@ struct Round {
     size: Size,
     asked_db: f64,
     as_asset: bool,
+    way: Option<Way>,
 }
 
 pub(super) fn run(args: &TracingArgs, host: &dyn Host) -> Result<(), EngineError> {
@@ -106,6 +111,9 @@ pub(super) fn run(args: &TracingArgs, host: &dyn Host) -> Result<(), EngineError
                     row.asset == asset && row.key == key && row.frames == round.size.frames && of_round
                 };
                 let known: Vec<String> = table.rows().iter().filter(is_it).map(|row| row.film.clone()).collect();
+                if round.way.is_some() && !matches!(model.motion, Motion::Still) {
+                    continue;
+                }
                 if round.films.iter().all(|film| known.iter().any(|name| name == film.name)) && !round.as_asset {
                     continue;
                 }
@@ -114,7 +122,8 @@ pub(super) fn run(args: &TracingArgs, host: &dyn Host) -> Result<(), EngineError
                     let strength = strength_for(&device, Issue::new(&model, prf.clone(), 1.0), asked_db)?;
                     issue = issue.with_strength(strength);
                 }
-                measure_round(&device, &issue, &round, &known, &mut |reading| {
+                let program = args.splat_transform.as_deref();
+                measure_round(&device, &issue, &round, &known, program, &mut |reading| {
                     let frames = round.size.frames;
                     let row =
                         Reading { asset: asset.clone(), key, leak: round.name.clone(), frames, asked_db, ..reading };
@@ -147,7 +156,7 @@ fn rounds(args: &TracingArgs) -> Vec<Round> {
     let asked_db = args.target_psnr;
     let whole = |name: &str, leak| {
         let (name, films) = (name.to_owned(), all.clone());
-        Round { name, leak, films, size, asked_db, as_asset: false }
+        Round { name, leak, films, size, asked_db, as_asset: false, way: None }
     };
     let mut rounds = Vec::new();
     for part in &args.part {
@@ -163,6 +172,7 @@ fn rounds(args: &TracingArgs) -> Vec<Round> {
                         size: Size { frames: LONG, ..size },
                         asked_db,
                         as_asset: true,
+                        way: None,
                     }));
                 }
             }
@@ -174,15 +184,17 @@ fn rounds(args: &TracingArgs) -> Vec<Round> {
                     ("noise 0.05", Leak::Noise(0.05)),
                     ("flat", Leak::Flat),
                     ("stamped again", Leak::StampedAgain),
+                    ("as splat", Leak::EightBits),
                 ];
-                rounds.extend(edits.map(|(name, leak)| Round {
-                    name: name.to_owned(),
-                    leak,
-                    films: usual.clone(),
-                    size,
-                    asked_db,
-                    as_asset: true,
-                }));
+                let of = |name: &str, leak| Round { films: usual.clone(), as_asset: true, ..whole(name, leak) };
+                rounds.extend(edits.map(|(name, leak)| of(name, leak)));
+                if args.splat_transform.is_some() {
+                    let rewritten = |way: Way| {
+                        let films = if way.stays_in_place() { usual.clone() } else { Vec::new() };
+                        Round { films, way: Some(way), ..of(way.name, Leak::Copy) }
+                    };
+                    rounds.extend(WAYS.map(rewritten));
+                }
             }
             Part::Stamping => {
                 rounds.extend(STRENGTHS_DB.map(|asked_db| Round { asked_db, ..whole("copy", Leak::Copy) }));
@@ -203,12 +215,16 @@ fn measure_round(
     issue: &Issue<'_>,
     round: &Round,
     known: &[String],
+    program: Option<&Path>,
     each: &mut dyn FnMut(Reading) -> Result<(), EngineError>,
 ) -> Result<(), EngineError> {
     let folder = tempfile::tempdir().map_err(|source| EngineError::Io { path: std::env::temp_dir(), source })?;
     let copies = round.leak.copies();
     let is_new = |name: &str| !known.iter().any(|film| film == name);
-    let gaussians = round.leak.gaussians(issue);
+    let mut gaussians = round.leak.gaussians(issue);
+    if let Some((way, program)) = round.way.zip(program) {
+        gaussians = way.through(program, &gaussians, folder.path())?;
+    }
     let mut filmed: Vec<Filmed> = Vec::new();
     for film in round.films.iter().filter(|film| is_new(film.name)) {
         if !filmed.iter().any(|filmed| filmed.film.class == film.class) {

@@ -63,6 +63,8 @@ pub enum Leak {
     Flat,
     /// A copy that was stamped once more, by somebody else.
     StampedAgain,
+    /// A copy as `.splat` keeps it: colours, opacities and turns of 8 bits, and nothing that turns with the view.
+    EightBits,
     /// Somebody else's copy of the same original.
     Foreign,
 }
@@ -104,6 +106,7 @@ impl Leak {
             Self::Flat => {
                 gaussians.sh_coeffs.chunks_exact_mut(SH_FLOATS).for_each(|row| row[CHANNELS..].fill(0.0));
             }
+            Self::EightBits => to_eight_bits(&mut gaussians),
             Self::StampedAgain => {
                 let (before, after) = (&issue.model().gaussians.sh_coeffs, stranger().stamp(LEAKED));
                 let moves = before.iter().zip(after);
@@ -112,6 +115,24 @@ impl Leak {
             _ => {}
         }
         gaussians
+    }
+}
+
+/// As `.splat` files round (antimatter15); opacities are logits here, and colours SH coefficients.
+fn to_eight_bits(gaussians: &mut Gaussians) {
+    let level = |value: f64| (value.clamp(0.0, 1.0) * 255.0).round() / 255.0;
+    for row in gaussians.sh_coeffs.chunks_exact_mut(SH_FLOATS) {
+        row[..CHANNELS].iter_mut().for_each(|dc| *dc = narrow((level(0.5 + Y0 * f64::from(*dc)) - 0.5) / Y0));
+        row[CHANNELS..].fill(0.0);
+    }
+    for logit in &mut gaussians.opacities {
+        // What is wholly opaque has no finite logit.
+        let opacity = level(1.0 / (1.0 + (-f64::from(*logit)).exp())).clamp(1e-4, 1.0 - 1e-4);
+        *logit = narrow((opacity / (1.0 - opacity)).ln());
+    }
+    for turn in &mut gaussians.quats {
+        let length = turn.iter().map(|part| part * part).sum::<f32>().sqrt();
+        turn.iter_mut().for_each(|part| *part = ((*part / length * 128.0).round().clamp(-128.0, 127.0)) / 128.0);
     }
 }
 

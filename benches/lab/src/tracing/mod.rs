@@ -6,3 +6,4 @@ pub mod leak;
 pub mod measure;
 pub mod owner;
 pub mod pages;
+pub mod rewritten;
