@@ -39,6 +39,9 @@ pub(crate) fn human(report: &Report) -> String {
     if report.frames > 0 {
         rows.push(("frames", report.frames.to_string()));
     }
+    for drawn in &report.drawn_as {
+        rows.push(("drawn as by", drawn.viewer.to_owned()));
+    }
     for found in &report.located {
         rows.push(("cameras found", found_in_words(found)));
     }

@@ -1,17 +1,23 @@
-//! A browser opens the page of `verify --report`. `./x interop` fetches what that takes.
+//! A browser opens the page of `verify --report`, and films copies by other people's viewers. `./x interop` fetches
+//! what that takes.
 
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use guard4d_engine::media::codec::Codec;
+use guard4d_engine::media::encode::{EncodeOptions, write_video};
+use guard4d_engine::render::profile::Viewer;
+use guard4d_engine::scene::camera::paths::{Lens, Orbit};
 use guard4d_engine::scene::demo::DemoScene;
+use guard4d_engine::scene::{FrameSize, LookAt, Model};
 use serde_json::Value;
 
 use super::controls::{Rigged, views};
 use super::{guard4d, scratch};
 use crate::support::gpu::device;
-use crate::support::interop::{program, run};
+use crate::support::interop::{filmed, program, run};
 use crate::support::owner::delivered;
 use crate::support::repo;
 
@@ -110,4 +116,52 @@ fn a_page_that_was_changed_is_told() {
     assert!(seen["elements"]["title"] != "changed", "the script did not run");
     let view = &list(&seen, "views")[0];
     assert!(list(view, "axe").len() >= 2, "a picture without words, a field without a name: {view}");
+}
+
+/// A viewer films a copy at its own settings, nobody gives the cameras, and `trace` names the copy, and the viewers that
+/// its film may be taken for.
+fn leak_by(viewers: &[Viewer], page: &str) {
+    if device().is_none() {
+        return;
+    }
+    let (folder, demo) = (scratch(), DemoScene::unpack().expect("it unpacks"));
+    let at = |name: &str| folder.path().join(name);
+    let (scene, ledger) = (at("scene.ply"), at("show.ledger"));
+    guard4d(&[&"convert", &demo.path(), &scene, &"--time", &"0.5"]).done();
+    guard4d(&[&"stamp", &scene, &"--ledger", &ledger, &"--to", &"ana,bo,cleo", &"--out", &at("copies")]).done();
+    let copy = Model::open(&at("copies/bo.ply")).expect("it opens");
+    let fov_x_rad = 47.0_f64.to_radians();
+    let lens = Lens { fov_x_rad, size: FrameSize::new(400, 300).expect("a size") };
+    let orbit = Orbit { views: 8, elevation_deg: 23.0, look_at: LookAt::around(&copy.gaussians, fov_x_rad), lens };
+    let cameras = orbit.cameras().expect("cameras").at_times(&[0.0]);
+    let pictures = at("pictures");
+    fs::create_dir(&pictures).expect("writable");
+    let Some(frames) = filmed(page, &pictures, &copy.gaussians, &cameras) else { return };
+    let options = EncodeOptions { codec: Some(Codec::H264), crf: Some(23), ..EncodeOptions::default() };
+    write_video(&at("leak.mp4"), &frames, &options).expect("it is encoded");
+    let run = guard4d(&[&"trace", &at("leak.mp4"), &"--original", &scene, &"--ledger", &ledger, &"--json"]);
+    run.done();
+    let report: Value = serde_json::from_str(&run.stdout).expect("JSON");
+    let named: Vec<&Value> = list(&report, "copies").iter().map(|copy| &copy["recipient"]).collect();
+    assert_eq!(named, ["bo"], "{report}");
+    let drawn_as = &report["drawn_as"][0]["viewer"];
+    assert!(viewers.iter().any(|viewer| drawn_as == viewer.name()), "{}", report["drawn_as"]);
+    // The first film measured had 52 in 24 frames; without its preset GaussianSplats3D's had 19.
+    assert!(report["best_score"].as_f64() > Some(20.0), "{}", report["best_score"]);
+}
+
+#[test]
+fn a_leak_by_spark_names_its_copy() {
+    leak_by(&[Viewer::Spark], "spark");
+}
+
+#[test]
+fn a_leak_by_gaussian_splats_3d_names_its_copy() {
+    leak_by(&[Viewer::GaussianSplats3d], "gaussiansplats3d");
+}
+
+#[test]
+fn a_leak_by_playcanvas_names_its_copy() {
+    // Its pictures of this scene differ from the reference's by less than a codec does.
+    leak_by(&[Viewer::PlayCanvas, Viewer::SuperSplat, Viewer::GsplatAntialiased, Viewer::Reference], "playcanvas");
 }

@@ -5,8 +5,9 @@ use std::path::Path;
 
 use guard4d_engine::base::prf::{MasterSecret, Prf};
 use guard4d_engine::error::EngineError;
+use guard4d_engine::fingerprint::drawing::Look;
 use guard4d_engine::fingerprint::estimate::estimate;
-use guard4d_engine::fingerprint::film::{Detail, Exposures, Shot};
+use guard4d_engine::fingerprint::film::{Exposures, Shot};
 use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::fingerprint::trace::{Scored, Scorer};
 use guard4d_engine::media::codec::Codec;
@@ -62,9 +63,9 @@ fn through_h264(path: &Path, frames: &[Frame]) -> Vec<Frame> {
 }
 
 pub(super) fn exposures(gpu: &Gpu, model: &Model, frames: &[Frame], shots: &[(Camera, f32)]) -> Exposures {
-    let mut exposures = Exposures::new(gpu, model).expect("it fits");
+    let mut exposures = Exposures::new(gpu, model.gaussians.len()).expect("it fits");
     for (frame, &(camera, time)) in frames.iter().zip(shots) {
-        exposures.add(&Shot { frame, camera, time }, Detail::AsLarge).expect("gathers");
+        exposures.add(model, &Shot { frame, camera, time }, Look::of(model)).expect("gathers");
     }
     exposures
 }

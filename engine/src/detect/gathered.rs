@@ -9,6 +9,7 @@ use crate::base::files::bad_data;
 use crate::error::EngineError;
 use crate::fingerprint::asset;
 use crate::fingerprint::code::SharedScore;
+use crate::fingerprint::drawing::{Detail, Look};
 use crate::fingerprint::estimate::{Estimate, estimate};
 use crate::fingerprint::film::{Exposures, Shot};
 use crate::fingerprint::issue::Issue;
@@ -44,8 +45,27 @@ pub struct Gathered {
     pub(super) last: Box<dyn Seen>,
     pub(super) noise: f64,
     pub(super) parts: u32,
+    /// How each film was drawn, as far as that shows.
+    pub looks: Vec<DrawnAs>,
     /// How the cameras of films were found, where nobody gave them.
     pub located: Vec<LocateReport>,
+}
+
+/// How a film was drawn: as its first frame is least different from the unmarked asset.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DrawnAs {
+    /// Whose renderer, as `render --as` calls it.
+    pub viewer: &'static str,
+    /// Whether it was made half as large afterwards.
+    pub made_smaller: bool,
+    /// What stands behind the asset: red, green and blue, 0 to 1.
+    pub background: [f32; 3],
+}
+
+impl DrawnAs {
+    fn of(Look { viewer, detail, background }: Look) -> Self {
+        Self { viewer: viewer.name(), made_smaller: detail == Detail::Twice, background }
+    }
 }
 
 /// What the chips say that all copies share.
@@ -118,15 +138,15 @@ pub fn gather(
     films: &[KnownFilm<'_>],
     each: &mut dyn FnMut() -> Result<(), EngineError>,
 ) -> Result<Gathered, EngineError> {
-    let mut exposures = Exposures::new(device, issue.model())?;
+    let mut exposures = Exposures::new(device, issue.model().gaussians.len())?;
     let mut all = Parts { chips: vec![0.0; issue.code().positions().len()], noise: 0.0, count: 0 };
-    let mut frames = 0;
+    let (mut frames, mut looks) = (0, Vec::new());
     for film in films {
         if let Some(expected) = film.source.expected_frames().filter(|n| *n != film.shots.len() as u64) {
             return Err(film.wrong_number(&expected.to_string()));
         }
         let mut shots = film.shots.iter();
-        let mut detail = None;
+        let mut look = None;
         film.source.for_each(&mut |frame: Frame| {
             each()?;
             let shot = shots.next().ok_or_else(|| film.wrong_number("more"))?;
@@ -136,15 +156,16 @@ pub fn gather(
                 all.add(issue, &mut exposures)?;
                 exposures.clear();
             }
-            exposures.add_of_film(&Shot { frame: &frame, camera, time }, &mut detail)
+            exposures.add_of_film(issue.model(), &Shot { frame: &frame, camera, time }, &mut look)
         })?;
         if shots.len() > 0 {
             return Err(film.wrong_number("fewer"));
         }
+        looks.extend(look.map(DrawnAs::of));
     }
     all.add(issue, &mut exposures)?;
     let Parts { chips, noise, count } = all;
-    Ok(Gathered { chips, frames, last: Box::new(exposures), noise, parts: count, located: Vec::new() })
+    Ok(Gathered { chips, frames, last: Box::new(exposures), noise, parts: count, looks, located: Vec::new() })
 }
 
 /// Gathers what a leaked asset says.
@@ -158,7 +179,7 @@ pub fn gather_asset(issue: &Issue<'_>, path: &Path, leaked: &Model) -> Result<Ga
         return Err(bad_data(path, "splats", got, format!("at least {FEWEST_SPLATS}, of this asset")));
     }
     let Estimate { chips, noise } = estimate(issue, &mut found)?;
-    Ok(Gathered { chips, frames: 0, last: Box::new(found), noise, parts: 1, located: Vec::new() })
+    Ok(Gathered { chips, frames: 0, last: Box::new(found), noise, parts: 1, looks: Vec::new(), located: Vec::new() })
 }
 
 /// Estimates of parts of a leak.

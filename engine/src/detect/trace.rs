@@ -3,7 +3,7 @@
 use guard4d_kernels::Device;
 use serde::Serialize;
 
-use super::gathered::{Gathered, SharedClaim};
+use super::gathered::{DrawnAs, Gathered, SharedClaim};
 use crate::error::EngineError;
 use crate::fingerprint::issue::Issue;
 use crate::fingerprint::power::unspoilt_score;
@@ -86,6 +86,9 @@ pub struct Report {
     pub least_expected_score: Option<f64>,
     /// What copies score that were never made.
     pub decoys: Decoys,
+    /// How each film was drawn, as far as that shows.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub drawn_as: Vec<DrawnAs>,
     /// How the cameras of films were found that nobody gave.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub located: Vec<LocateReport>,
@@ -144,6 +147,7 @@ pub fn judge(request: &TraceRequest<'_>, gathered: &mut Gathered) -> Result<Repo
         required_score: required,
         least_expected_score: least_expected,
         decoys: scorer.decoys(DECOYS)?,
+        drawn_as: gathered.looks.clone(),
         located: gathered.located.clone(),
     })
 }

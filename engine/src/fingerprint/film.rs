@@ -6,15 +6,15 @@
 
 use guard4d_kernels::{Buffer, Device};
 
+use super::drawing::{BASES, Detail, Drawn, Look, Painter};
 use super::lowpass::{Pictures, as_kept};
 use super::seen::{Seen, SplatEvidence};
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::media::Frame;
-use crate::render::deform::DeformField;
-use crate::render::{Frame as FrameOfClip, FrameMut, FramePlan, OffsetBases, Offsets, Prune, Renderer};
+use crate::render::profile::Viewer;
 use crate::scene::gaussians::{CHANNELS, Y0};
-use crate::scene::{Camera, FrameSize, Model};
+use crate::scene::{Camera, Model};
 
 /// Largest difference of a pixel that counts, of 1. Marks are smaller, and codecs make mistakes that are larger: the
 /// best of those tried on films through H.264.
@@ -29,10 +29,11 @@ const LUMA: [f32; CHANNELS] = [0.299, 0.587, 0.114];
 /// Pixels whose errors go together: those of a codec's block of 8x8. The best of 1, 4, 16, 32, 64, 128 and 512 on films
 /// through H.264; without a codec none of them is much worse than 1.
 const TOGETHER: f64 = 64.0;
-/// Only the DC terms are asked about.
-const BASES: OffsetBases = OffsetBases::Dc;
 /// A difference is taken between pictures; small enough that no colour is cut off at 0, large enough for 32-bit floats.
 const PROBE: f64 = 0.02;
+
+/// How much less a film has to differ from one renderer's picture to be taken for its, of that of the likelier one.
+const CLEARLY: f64 = 0.98;
 
 /// A frame of a film, and from where and when it was taken.
 #[derive(Clone, Copy, Debug)]
@@ -45,33 +46,10 @@ pub struct Shot<'a> {
     pub time: f32,
 }
 
-/// How finely a film was drawn before it became what it is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Detail {
-    /// At the size that it has.
-    AsLarge,
-    /// At twice the size, and made smaller: splats are drawn no narrower than a pixel.
-    Twice,
-}
-
-impl Detail {
-    /// Both, the likelier one first.
-    pub const ALL: [Self; 2] = [Self::AsLarge, Self::Twice];
-
-    /// Pixels that became one, along a side.
-    const fn side(self) -> u32 {
-        match self {
-            Self::AsLarge => 1,
-            Self::Twice => 2,
-        }
-    }
-}
-
 /// A frame as it is kept: what draws it again, and where it counts.
 #[derive(Debug)]
 struct Exposure {
-    plan: FramePlan,
-    detail: Detail,
+    drawn: Drawn,
     /// Red of the unmarked asset at each pixel.
     clean: Vec<f32>,
     /// Whether a pixel counts.
@@ -82,53 +60,44 @@ struct Exposure {
 #[derive(Debug)]
 pub struct Exposures {
     device: Device,
-    background: [f32; 3],
-    field: DeformField,
-    renderer: Renderer,
+    painters: Vec<Painter>,
     offsets: Buffer<f32>,
     exposures: Vec<Exposure>,
     sums: SplatEvidence,
 }
 
 impl Exposures {
-    /// Of films of `model`, the unmarked asset.
+    /// Of films of an asset with so many splats.
     ///
     /// # Errors
     /// When memory runs out or the device fails.
-    pub fn new(device: &Device, model: &Model) -> Result<Self, EngineError> {
-        let count = model.gaussians.len();
+    pub fn new(device: &Device, splats: usize) -> Result<Self, EngineError> {
         Ok(Self {
             device: device.clone(),
-            background: model.background,
-            field: DeformField::new(device, &model.gaussians, &model.motion)?,
-            renderer: Renderer::new(device)?,
-            offsets: device.buffer("film.offsets", count * BASES.floats())?,
+            painters: Vec::new(),
+            offsets: device.buffer("film.offsets", splats * BASES.floats())?,
             exposures: Vec::new(),
-            sums: SplatEvidence::none(count),
+            sums: SplatEvidence::none(splats),
         })
     }
 
-    /// Adds what one frame says.
+    /// Adds what one frame says of `model`, the unmarked asset.
     ///
     /// # Errors
     /// [`EngineError::Usage`] for a camera of another size than its frame; when memory runs out or the device fails.
-    pub fn add(&mut self, shot: &Shot<'_>, detail: Detail) -> Result<(), EngineError> {
-        let plan = self.plan(shot, detail)?;
-        let clean = draw(&self.device, &mut self.renderer, &Drawn { plan: &plan, detail }, None, self.background)?;
+    pub fn add(&mut self, model: &Model, shot: &Shot<'_>, look: Look) -> Result<(), EngineError> {
+        let (drawn, clean) = self.drawn(model, shot, look)?;
         let Difference { limited, counted } = difference(shot.frame, &clean);
         // One way back for both: residual in the first channel, where it counts in the second.
-        let mut v_frame = vec![0.0; clean.len()];
-        for ((v, limited), counted) in v_frame.chunks_exact_mut(4).zip(&limited).zip(&counted) {
+        let mut v_picture = vec![0.0; clean.len()];
+        for ((v, limited), counted) in v_picture.chunks_exact_mut(4).zip(&limited).zip(&counted) {
             (v[0], v[1]) = (*limited, if *counted { 1.0 } else { 0.0 });
             self.sums.samples += u64::from(*counted);
             self.sums.squares += f64::from(*limited).powi(2);
         }
-        let v_frame = spread(v_frame, &plan, detail);
-        let v_frame = self.device.buffer_from("film.v_frame", &v_frame)?;
-        let mut rec = self.device.recorder()?;
-        let mut v_offsets = rec.zeros("film.v_offsets", self.offsets.len())?;
-        self.back(&mut rec, &plan, &v_frame, &mut v_offsets)?;
-        rec.submit()?;
+        let mut v_offsets = self.no_offsets()?;
+        let painter = by(&mut self.painters, look.viewer);
+        painter.back(&drawn, &self.offsets, v_picture, &mut v_offsets)?;
         let rows = v_offsets.read()?;
         let sums = self.sums.residual.iter_mut().zip(&mut self.sums.response);
         for ((residual, response), v) in sums.zip(rows.chunks_exact(BASES.floats())) {
@@ -137,46 +106,69 @@ impl Exposures {
             *response += f64::from(v[1]) / Y0;
         }
         let clean = clean.chunks_exact(4).map(|pixel| pixel[0]).collect();
-        self.exposures.push(Exposure { plan, detail, clean, counted });
+        self.exposures.push(Exposure { drawn, clean, counted });
         Ok(())
     }
 
-    /// Adds a frame of a film of which it is not yet known how finely it was drawn, or is since an earlier frame.
+    /// Adds a frame of a film of which it is not yet known how it was drawn, or is since an earlier frame.
     ///
     /// # Errors
     /// As [`add`](Self::add).
-    pub fn add_of_film(&mut self, shot: &Shot<'_>, known: &mut Option<Detail>) -> Result<(), EngineError> {
-        let detail = match *known {
-            Some(detail) => detail,
-            None => *known.insert(self.detail_of(shot)?),
+    pub fn add_of_film(&mut self, model: &Model, shot: &Shot<'_>, known: &mut Option<Look>) -> Result<(), EngineError> {
+        let look = match *known {
+            Some(look) => look,
+            None => *known.insert(self.look_of(model, shot)?),
         };
-        self.add(shot, detail)
+        self.add(model, shot, look)
     }
 
-    /// How finely a film was drawn that this is a frame of: as it is least different from the unmarked asset.
+    /// How a film was drawn that this is a frame of: as it is least different from the unmarked asset.
     ///
     /// # Errors
     /// As [`add`](Self::add).
-    fn detail_of(&mut self, shot: &Shot<'_>) -> Result<Detail, EngineError> {
-        let mut best = (Detail::AsLarge, f64::INFINITY);
-        for detail in Detail::ALL {
-            let plan = self.plan(shot, detail)?;
-            let clean = draw(&self.device, &mut self.renderer, &Drawn { plan: &plan, detail }, None, self.background)?;
-            let squares = difference(shot.frame, &clean).limited.iter().map(|r| f64::from(*r).powi(2)).sum();
-            if squares < best.1 {
-                best = (detail, squares);
+    fn look_of(&mut self, model: &Model, shot: &Shot<'_>) -> Result<Look, EngineError> {
+        let own = Look::of(model);
+        let look = Look { background: self.background_of(model, shot)?, ..own };
+        let (mut best, mut least) = (look, f64::INFINITY);
+        for viewer in Viewer::ALL {
+            for detail in Detail::ALL {
+                let look = Look { viewer, detail, ..look };
+                let (_, clean) = self.drawn(model, shot, look)?;
+                let squares = difference(shot.frame, &clean).limited.iter().map(|r| f64::from(*r).powi(2)).sum();
+                if squares < CLEARLY * least {
+                    (best, least) = (look, squares);
+                }
             }
         }
-        Ok(best.0)
+        let in_use = |viewer: Viewer| self.exposures.iter().any(|exposure| exposure.drawn.look.viewer == viewer);
+        self.painters.retain(|painter| painter.viewer() == best.viewer || in_use(painter.viewer()));
+        Ok(best)
     }
 
-    fn plan(&mut self, shot: &Shot<'_>, detail: Detail) -> Result<FramePlan, EngineError> {
+    /// What stands behind the asset in a film: the model's own background, unless the film plainly shows another
+    /// colour.
+    fn background_of(&mut self, model: &Model, shot: &Shot<'_>) -> Result<[f32; 3], EngineError> {
+        let (_, clean) = self.drawn(model, shot, Look::of(model))?;
+        Ok(background(shot.frame, &clean, model.background).unwrap_or(model.background))
+    }
+
+    /// What draws a shot, and the unmarked asset in it.
+    fn drawn(&mut self, model: &Model, shot: &Shot<'_>, look: Look) -> Result<(Drawn, Vec<f32>), EngineError> {
         check_size(shot)?;
-        let side = detail.side();
-        let size = FrameSize::new(shot.camera.width * side, shot.camera.height * side)?;
-        let state = self.field.at(shot.time)?;
-        let plan = self.renderer.plan(&state, &shot.camera.resized(size), Prune::Keep)?;
-        self.renderer.fix_view(plan)
+        if !self.painters.iter().any(|painter| painter.viewer() == look.viewer) {
+            self.painters.push(Painter::new(&self.device, model, look.viewer)?);
+        }
+        let painter = by(&mut self.painters, look.viewer);
+        let drawn = painter.plan(&shot.camera, shot.time, look)?;
+        let clean = painter.draw(&drawn, None)?;
+        Ok((drawn, clean))
+    }
+
+    fn no_offsets(&self) -> Result<Buffer<f32>, EngineError> {
+        let mut rec = self.device.recorder()?;
+        let none = rec.zeros("film.v_offsets", self.offsets.len())?;
+        rec.submit()?;
+        Ok(none)
     }
 
     /// Pixels of the frames that are kept.
@@ -190,68 +182,11 @@ impl Exposures {
         self.exposures.clear();
         self.sums = SplatEvidence::none(self.sums.residual.len());
     }
-
-    fn back(
-        &mut self,
-        rec: &mut guard4d_kernels::Recorder,
-        plan: &FramePlan,
-        v_frame: &Buffer<f32>,
-        v_offsets: &mut Buffer<f32>,
-    ) -> Result<(), EngineError> {
-        let of_plan = Offsets { data: &self.offsets, bases: BASES };
-        self.renderer.backward(rec, plan, of_plan, FrameOfClip { clip: v_frame, index: 0 }, v_offsets)
-    }
 }
 
-/// A plan, and how many of its pixels become one.
-struct Drawn<'a> {
-    plan: &'a FramePlan,
-    detail: Detail,
-}
-
-/// A picture `[H, W, 4]` of the asset with offsets of its DC terms.
-fn draw(
-    device: &Device,
-    renderer: &mut Renderer,
-    drawn: &Drawn<'_>,
-    offsets: Option<&Buffer<f32>>,
-    background: [f32; 3],
-) -> Result<Vec<f32>, EngineError> {
-    let plan = drawn.plan;
-    let mut pixels = device.buffer("film.frame", plan.frame_len())?;
-    let mut rec = device.recorder()?;
-    let offsets = offsets.map(|data| Offsets { data, bases: BASES });
-    renderer.forward(&mut rec, plan, offsets, background, FrameMut { clip: &mut pixels, index: 0 })?;
-    rec.submit()?;
-    Ok(made_smaller(pixels.read()?, plan, drawn.detail))
-}
-
-/// Means of the pixels `[H, W, 4]` that become one.
-fn made_smaller(pixels: Vec<f32>, plan: &FramePlan, detail: Detail) -> Vec<f32> {
-    let (side, width) = (detail.side() as usize, plan.width() as usize);
-    if side == 1 {
-        return pixels;
-    }
-    let mut small = vec![0.0; pixels.len() / (side * side)];
-    for (at, pixel) in pixels.chunks_exact(4).enumerate() {
-        let to = (at / width / side) * (width / side) + at % width / side;
-        small[4 * to..4 * to + 4].iter_mut().zip(pixel).for_each(|(sum, value)| *sum += value / (side * side) as f32);
-    }
-    small
-}
-
-/// The transpose of [`made_smaller`].
-fn spread(small: Vec<f32>, plan: &FramePlan, detail: Detail) -> Vec<f32> {
-    let (side, width) = (detail.side() as usize, plan.width() as usize);
-    if side == 1 {
-        return small;
-    }
-    let mut pixels = vec![0.0; small.len() * side * side];
-    for (at, pixel) in pixels.chunks_exact_mut(4).enumerate() {
-        let from = (at / width / side) * (width / side) + at % width / side;
-        pixel.iter_mut().zip(&small[4 * from..]).for_each(|(value, sum)| *value = sum / (side * side) as f32);
-    }
-    pixels
+/// The painter of a viewer, who is there since a frame was drawn by it.
+fn by(painters: &mut [Painter], viewer: Viewer) -> &mut Painter {
+    painters.iter_mut().find(|painter| painter.viewer() == viewer).expect("whoever drew a frame is kept")
 }
 
 impl Seen for Exposures {
@@ -276,23 +211,16 @@ impl Seen for Exposures {
             row[0] = narrow(scale * colour / Y0);
         }
         let moved = self.device.buffer_from("film.moved", &rows)?;
-        let mut rec = self.device.recorder()?;
-        let mut v_offsets = rec.zeros("film.v_offsets", self.offsets.len())?;
-        rec.submit()?;
-        let exposures = std::mem::take(&mut self.exposures);
-        for Exposure { plan, detail, clean, counted } in &exposures {
-            let drawn = Drawn { plan, detail: *detail };
-            let mut pixels = draw(&self.device, &mut self.renderer, &drawn, Some(&moved), self.background)?;
+        let mut v_offsets = self.no_offsets()?;
+        for Exposure { drawn, clean, counted } in &self.exposures {
+            let painter = by(&mut self.painters, drawn.look.viewer);
+            let mut pixels = painter.draw(drawn, Some(&moved))?;
             for ((pixel, clean), counted) in pixels.chunks_exact_mut(4).zip(clean).zip(counted) {
                 let difference = if *counted { pixel[0] - clean } else { 0.0 };
                 pixel.copy_from_slice(&[difference, 0.0, 0.0, 0.0]);
             }
-            let v_frame = self.device.buffer_from("film.v_frame", &spread(pixels, plan, *detail))?;
-            let mut rec = self.device.recorder()?;
-            self.back(&mut rec, plan, &v_frame, &mut v_offsets)?;
-            rec.submit()?;
+            painter.back(drawn, &self.offsets, pixels, &mut v_offsets)?;
         }
-        self.exposures = exposures;
         let rows = v_offsets.read()?;
         Ok(rows.chunks_exact(BASES.floats()).map(|v| f64::from(v[0]) / (Y0 * scale)).collect())
     }
@@ -308,6 +236,47 @@ fn check_size(shot: &Shot<'_>) -> Result<(), EngineError> {
         got: format!("{}x{} pixels", camera.width, camera.height),
         expected: format!("{}x{}, as the frame has", frame.width(), frame.height()),
     })
+}
+
+/// Least share of a picture that has to be background, and that has to be wholly covered, to tell another one.
+const SEEN: f64 = 0.005;
+/// Largest final transmittance of a pixel that is wholly covered.
+const COVERED: f32 = 0.1;
+/// Levels, of 1, by which a background has to differ to be another, and in which half of its pixels have to lie to be
+/// one colour.
+const OTHER: f32 = 0.1;
+const EVEN: f32 = 0.06;
+
+/// The background of a film in the colours of the model, where it is one colour and not the model's own.
+fn background(frame: &Frame, clean: &[f32], own: [f32; 3]) -> Option<[f32; 3]> {
+    let pixels = || frame.rgb().chunks_exact(CHANNELS).zip(clean.chunks_exact(4));
+    let mut found = own;
+    let mut is_other = false;
+    for (channel, found) in found.iter_mut().enumerate() {
+        let level = |levels: &[u8]| f32::from(levels[channel]) / 255.0;
+        let bare = pixels().filter(|(_, pixel)| pixel[CHANNELS] > UNCOVERED);
+        let mut bare: Vec<f32> = bare.map(|(levels, _)| level(levels)).collect();
+        let covered = pixels()
+            .filter(|(levels, pixel)| pixel[CHANNELS] < COVERED && levels.iter().all(|level| BETWEEN.contains(level)));
+        let covered: Vec<Level> =
+            covered.map(|(levels, pixel)| Level { film: level(levels), clean: pixel[channel] }).collect();
+        if (bare.len().min(covered.len()) as f64) < SEEN * (clean.len() / 4) as f64 {
+            return None;
+        }
+        bare.sort_by(f32::total_cmp);
+        let quarter = |i: usize| bare[i * (bare.len() - 1) / 4];
+        if quarter(3) - quarter(1) > EVEN {
+            return None;
+        }
+        let fit = Line::through(covered.into_iter());
+        // Films end at black and white, and so may a background that was made brighter.
+        let is_own = (quarter(2) - fit.at(own[channel]).clamp(0.0, 1.0)).abs() < OTHER;
+        is_other |= !is_own;
+        if !is_own && fit.slope > 0.0 {
+            *found = narrow((f64::from(quarter(2)) - fit.start) / fit.slope).clamp(0.0, 1.0);
+        }
+    }
+    is_other.then_some(found)
 }
 
 /// A film's difference to the unmarked asset in luma, pixel by pixel, and where it counts.

@@ -7,6 +7,7 @@ pub mod asset;
 pub mod chips;
 mod cloud;
 pub mod code;
+pub mod drawing;
 pub mod estimate;
 mod exposure;
 pub mod fidelity;

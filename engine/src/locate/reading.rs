@@ -63,7 +63,7 @@ impl Reading {
         })?;
         let size = FrameSize::new(size_px.0, size_px.1)?;
         let all = Rect { x: 0, y: 0, width: size.width(), height: size.height() };
-        let picture = bars.find().unwrap_or(all);
+        let picture = bars.find().map_or(all, |inside| centred(inside, size));
         let mut pictures = match picture == all {
             true => whole,
             false => whole.iter().map(|frame| frame.cut(part(picture, size, frame))).collect(),
@@ -71,6 +71,14 @@ impl Reading {
         pictures.retain(|picture| picture.width.min(picture.height) >= SHORTEST_PX);
         Ok(Self { pictures, every: every.get() as usize, frames: count, size, picture })
     }
+}
+
+/// As much of a frame about its middle as has no bars on either side. A letterbox has bars of one height; what is black
+/// beyond that is a background, and a picture that was cut to the asset would have its middle elsewhere.
+fn centred(inside: Rect, size: FrameSize) -> Rect {
+    let bar = |before: u32, length: u32, side: u32| before.min(side - before - length);
+    let (x, y) = (bar(inside.x, inside.width, size.width()), bar(inside.y, inside.height, size.height()));
+    Rect { x, y, width: size.width() - 2 * x, height: size.height() - 2 * y }
 }
 
 /// A part of frames in a picture of them that may be smaller.

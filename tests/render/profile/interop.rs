@@ -1,23 +1,15 @@
 //! Viewers in a browser film the embedded scene at their own settings. `./x interop` fetches them.
 
-use std::fs;
-use std::path::Path;
-use std::process::Command;
-
 use guard4d_engine::media::Frame;
-use guard4d_engine::media::ffmpeg::Ffmpeg;
-use guard4d_engine::media::folder::read_picture;
 use guard4d_engine::render::SceneRenderer;
 use guard4d_engine::render::deform::DeformField;
 use guard4d_engine::render::profile::Viewer;
 use guard4d_engine::scene::camera::paths::{Lens, Orbit};
 use guard4d_engine::scene::demo::DemoScene;
-use guard4d_engine::scene::ply::encode;
 use guard4d_engine::scene::{CameraSet, FrameSize, Gaussians, LookAt, Model, Motion};
 
 use crate::support::gpu::{Gpu, device};
-use crate::support::interop::{program, run};
-use crate::support::repo;
+use crate::support::interop::filmed;
 
 const SIDE: u32 = 400;
 const FOV_DEG: f64 = 39.6;
@@ -35,22 +27,6 @@ fn scene(gpu: &Gpu) -> (Gaussians, CameraSet) {
     let look_at = LookAt::around(&splats, fov_x_rad);
     let orbit = Orbit { views: 2, elevation_deg: 20.0, look_at, lens };
     (splats, orbit.cameras().expect("cameras").at_times(&[0.0]))
-}
-
-/// What a viewer shows; nothing where there is no viewer.
-fn filmed(page: &str, folder: &Path, splats: &Gaussians, cameras: &CameraSet) -> Option<Vec<Frame>> {
-    let (modules, browser) = (program("GUARD4D_NODE_MODULES")?, program("GUARD4D_CHROMIUM")?);
-    let (ply, film) = (folder.join("scene.ply"), folder.join("cameras.json"));
-    fs::write(&ply, encode(splats)).expect("writable");
-    fs::write(&film, cameras.film_json()).expect("writable");
-    let mut node = Command::new("node");
-    node.env("NODE_PATH", &modules).arg(repo("tests/interop/viewers.cjs")).arg(browser).arg(&modules);
-    run(node.args([page.as_ref(), ply.as_os_str(), film.as_os_str(), folder.as_os_str()]));
-    let picture = |number: usize| {
-        let path = folder.join(format!("{number:05}.png"));
-        read_picture(&path, [0; 3], &Ffmpeg::default()).expect("a picture")
-    };
-    Some((0..cameras.clips().concat().len()).map(picture).collect())
 }
 
 fn drawn(gpu: &Gpu, viewer: Viewer, splats: &Gaussians, cameras: &CameraSet) -> Vec<Frame> {

@@ -111,10 +111,10 @@ pub fn innocent_film(device: &Device, issue: &Issue<'_>, spoilt: &Spoilt) -> Res
 
 /// What a film says, frame by frame.
 pub(super) fn expose(device: &Device, model: &Model, spoilt: &Spoilt) -> Result<Exposures, EngineError> {
-    let mut exposures = Exposures::new(device, model)?;
-    let mut detail = None;
+    let mut exposures = Exposures::new(device, model.gaussians.len())?;
+    let mut look = None;
     for (frame, &(camera, time)) in spoilt.frames.iter().zip(&spoilt.shots) {
-        exposures.add_of_film(&Shot { frame, camera, time }, &mut detail)?;
+        exposures.add_of_film(model, &Shot { frame, camera, time }, &mut look)?;
     }
     Ok(exposures)
 }

@@ -1,0 +1,163 @@
+//! How a film was drawn: by whose renderer, on what background, how finely. And the original, drawn alike.
+
+use guard4d_kernels::{Buffer, Device};
+
+use crate::error::EngineError;
+use crate::render::deform::DeformField;
+use crate::render::profile::Viewer;
+use crate::render::{Frame as FrameOfClip, FrameMut, FramePlan, OffsetBases, Offsets, Prune, Renderer};
+use crate::scene::{Camera, FrameSize, Model};
+
+/// Only the DC terms are asked about.
+pub(super) const BASES: OffsetBases = OffsetBases::Dc;
+
+/// How a film was drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Look {
+    /// Whose renderer.
+    pub viewer: Viewer,
+    /// How finely.
+    pub detail: Detail,
+    /// What stands behind the asset.
+    pub background: [f32; 3],
+}
+
+/// How finely a film was drawn before it became what it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detail {
+    /// At the size that it has.
+    AsLarge,
+    /// At twice the size, and made smaller: splats are drawn no narrower than a pixel.
+    Twice,
+}
+
+impl Look {
+    /// As the model's own pictures are.
+    #[must_use]
+    pub fn of(model: &Model) -> Self {
+        Self { viewer: Viewer::Reference, detail: Detail::AsLarge, background: model.background }
+    }
+}
+
+impl Detail {
+    /// Both, the likelier one first.
+    pub const ALL: [Self; 2] = [Self::AsLarge, Self::Twice];
+
+    /// Pixels that became one, along a side.
+    const fn side(self) -> u32 {
+        match self {
+            Self::AsLarge => 1,
+            Self::Twice => 2,
+        }
+    }
+}
+
+/// The original as one renderer has it.
+#[derive(Debug)]
+pub(super) struct Painter {
+    viewer: Viewer,
+    device: Device,
+    field: DeformField,
+    renderer: Renderer,
+}
+
+/// A view that is drawn again and again.
+#[derive(Debug)]
+pub(super) struct Drawn {
+    plan: FramePlan,
+    pub look: Look,
+}
+
+impl Painter {
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub(super) fn new(device: &Device, model: &Model, viewer: Viewer) -> Result<Self, EngineError> {
+        let profile = viewer.profile();
+        Ok(Self {
+            viewer,
+            device: device.clone(),
+            field: profile.upload(device, &model.gaussians, &model.motion)?,
+            renderer: Renderer::new(device)?.with_rules(profile.rules),
+        })
+    }
+
+    /// Whose renderer it is.
+    pub(super) fn viewer(&self) -> Viewer {
+        self.viewer
+    }
+
+    /// What draws a view at a time.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub(super) fn plan(&mut self, camera: &Camera, time: f32, look: Look) -> Result<Drawn, EngineError> {
+        let side = look.detail.side();
+        let size = FrameSize::new(camera.width * side, camera.height * side)?;
+        let state = self.field.at(time)?;
+        let plan = self.renderer.plan(&state, &camera.resized(size), Prune::Keep)?;
+        Ok(Drawn { plan: self.renderer.fix_view(plan)?, look })
+    }
+
+    /// A picture `[H, W, 4]` of the asset with offsets of its DC terms; the last channel is the final transmittance.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub(super) fn draw(&mut self, drawn: &Drawn, offsets: Option<&Buffer<f32>>) -> Result<Vec<f32>, EngineError> {
+        let Drawn { plan, look } = drawn;
+        let mut pixels = self.device.buffer("film.frame", plan.frame_len())?;
+        let mut rec = self.device.recorder()?;
+        let offsets = offsets.map(|data| Offsets { data, bases: BASES });
+        let frame = FrameMut { clip: &mut pixels, index: 0 };
+        self.renderer.forward(&mut rec, plan, offsets, look.background, frame)?;
+        rec.submit()?;
+        Ok(made_smaller(pixels.read()?, drawn))
+    }
+
+    /// Adds what a picture says of each splat's offsets: the transpose of [`Painter::draw`].
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub(super) fn back(
+        &mut self,
+        drawn: &Drawn,
+        offsets: &Buffer<f32>,
+        v_picture: Vec<f32>,
+        v_offsets: &mut Buffer<f32>,
+    ) -> Result<(), EngineError> {
+        let v_frame = self.device.buffer_from("film.v_frame", &spread(v_picture, drawn))?;
+        let offsets = Offsets { data: offsets, bases: BASES };
+        let mut rec = self.device.recorder()?;
+        let v_frame = FrameOfClip { clip: &v_frame, index: 0 };
+        self.renderer.backward(&mut rec, &drawn.plan, offsets, v_frame, v_offsets)?;
+        rec.submit()?;
+        Ok(())
+    }
+}
+
+/// Means of the pixels `[H, W, 4]` that become one.
+fn made_smaller(pixels: Vec<f32>, drawn: &Drawn) -> Vec<f32> {
+    let (side, width) = (drawn.look.detail.side() as usize, drawn.plan.width() as usize);
+    if side == 1 {
+        return pixels;
+    }
+    let mut small = vec![0.0; pixels.len() / (side * side)];
+    for (at, pixel) in pixels.chunks_exact(4).enumerate() {
+        let to = (at / width / side) * (width / side) + at % width / side;
+        small[4 * to..4 * to + 4].iter_mut().zip(pixel).for_each(|(sum, value)| *sum += value / (side * side) as f32);
+    }
+    small
+}
+
+/// The transpose of [`made_smaller`].
+fn spread(small: Vec<f32>, drawn: &Drawn) -> Vec<f32> {
+    let (side, width) = (drawn.look.detail.side() as usize, drawn.plan.width() as usize);
+    if side == 1 {
+        return small;
+    }
+    let mut pixels = vec![0.0; small.len() * side * side];
+    for (at, pixel) in pixels.chunks_exact_mut(4).enumerate() {
+        let from = (at / width / side) * (width / side) + at % width / side;
+        pixel.iter_mut().zip(&small[4 * from..]).for_each(|(value, sum)| *value = sum / (side * side) as f32);
+    }
+    pixels
+}
