@@ -118,8 +118,8 @@ fn a_page_that_was_changed_is_told() {
     assert!(list(view, "axe").len() >= 2, "a picture without words, a field without a name: {view}");
 }
 
-/// A viewer films a copy at its own settings, nobody gives the cameras, and `trace` names the copy, and the viewers that
-/// its film may be taken for.
+/// A viewer films a copy at its own settings, nobody gives the cameras, and `trace` names the copy, and one of the
+/// viewers that its film may be taken for.
 fn leak_by(viewers: &[Viewer], page: &str) {
     if device().is_none() {
         return;

@@ -15,10 +15,12 @@ use guard4d_engine::media::encode::{EncodeOptions, write_video};
 use guard4d_engine::media::{Frame, ReadOptions, read_clip};
 use guard4d_engine::picture::metrics::{Picture, PsnrSummary, SquaredError};
 use guard4d_engine::render::SceneRenderer;
+use guard4d_engine::render::profile::Viewer;
 use guard4d_engine::scene::camera::paths::{Lens, Orbit};
 use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{Camera, FrameSize, LookAt, Model};
 
+use crate::support::close::largest;
 use crate::support::gpu::{Gpu, device};
 use crate::support::has_ffmpeg;
 
@@ -44,9 +46,16 @@ pub(super) fn shots_from_above(frames: u32) -> Vec<(Camera, f32)> {
 
 /// 8-bit frames of the model with these coefficients.
 pub(super) fn film(gpu: &Gpu, model: &Model, sh_coeffs: Vec<f32>, shots: &[(Camera, f32)]) -> Vec<Frame> {
+    film_by(gpu, model, sh_coeffs, shots, &Look::of(model))
+}
+
+/// The same as another viewer shows it, on another background.
+fn film_by(gpu: &Gpu, model: &Model, sh_coeffs: Vec<f32>, shots: &[(Camera, f32)], look: &Look) -> Vec<Frame> {
     let mut gaussians = model.gaussians.clone();
     gaussians.sh_coeffs = sh_coeffs;
-    let mut renderer = SceneRenderer::new(gpu, &gaussians, &model.motion, model.background).expect("a renderer");
+    let profile = look.viewer.profile();
+    let mut renderer =
+        SceneRenderer::by_profile(gpu, &gaussians, &model.motion, look.background, &profile).expect("a renderer");
     let mut frames = Vec::new();
     let each = |_: usize, camera: &Camera, pixels: &[f32]| {
         frames.push(Frame::from_rgba32f(camera.width, camera.height, pixels)?);
@@ -113,6 +122,53 @@ fn a_film_from_above_names_its_copy_and_no_other() {
     let of_film = best(&gpu, &issue, exposures(&gpu, &model, &coded, &shots));
     assert_eq!(of_film[0].copy, LEAKED);
     assert!(of_film[0].log_p_family < 1e-6f64.ln(), "{:?}", of_film[0]);
+}
+
+#[test]
+fn a_film_is_compared_as_it_was_drawn() {
+    let Some(gpu) = device() else { return };
+    let scene = DemoScene::unpack().expect("the scene unpacks");
+    let model = Model::open(scene.path()).expect("the scene opens");
+    let issue = Issue::new(&model, prf(14), STRENGTH);
+    let shots = shots_from_above(4);
+    let score = |frames: &[Frame], told: &mut Option<Look>| {
+        let mut exposures = Exposures::new(&gpu, model.gaussians.len()).expect("it fits");
+        for (frame, &(camera, time)) in frames.iter().zip(&shots) {
+            exposures.add_of_film(&model, &Shot { frame, camera, time }, told).expect("gathers");
+        }
+        let best = best(&gpu, &issue, exposures);
+        assert_eq!(best[0].copy, LEAKED);
+        best[0].score
+    };
+    let own = Look::of(&model);
+    let usual = score(&film(&gpu, &model, issue.stamp(LEAKED), &shots), &mut None);
+    let viewer = Look { viewer: Viewer::GaussianSplats3d, ..own };
+    let green = Look { background: [0.1, 0.55, 0.2], ..own };
+    for look in [own, viewer, green] {
+        let frames = film_by(&gpu, &model, issue.stamp(LEAKED), &shots, &look);
+        let mut told = None;
+        let of_film = score(&frames, &mut told);
+        let told = told.expect("the first frame tells");
+        assert_eq!((told.viewer, told.detail), (look.viewer, look.detail));
+        let off = largest(told.background.iter().zip(look.background).map(|(a, b)| (a - b).abs()));
+        // Levels of 8 bits, and a line through them.
+        assert!(off < 0.02, "{told:?} of {look:?}");
+        assert!(of_film > 0.8 * usual, "{of_film:.1} of {usual:.1} by {look:?}");
+    }
+    // Drawn as the reference on the model's own background, either film says less.
+    for look in [viewer, green] {
+        let frames = film_by(&gpu, &model, issue.stamp(LEAKED), &shots, &look);
+        let (as_own, as_drawn) = (score(&frames, &mut Some(own)), score(&frames, &mut Some(look)));
+        assert!(as_own < 0.95 * as_drawn, "{as_own:.1} of {as_drawn:.1}: {look:?}");
+    }
+    // Levels that were bent, by as much as screens differ.
+    let bent = |frame: &Frame| {
+        let bend = |level: &u8| (255.0 * (f32::from(*level) / 255.0).powf(1.25)).round() as u8;
+        Frame::new(frame.width(), frame.height(), frame.rgb().iter().map(bend).collect()).expect("of its size")
+    };
+    let frames: Vec<Frame> = film(&gpu, &model, issue.stamp(LEAKED), &shots).iter().map(bent).collect();
+    let of_film = score(&frames, &mut None);
+    assert!(of_film > 0.8 * usual, "{of_film:.1} of {usual:.1}");
 }
 
 #[test]

@@ -7,25 +7,15 @@
 use guard4d_kernels::{Buffer, Device};
 
 use super::drawing::{BASES, Detail, Drawn, Look, Painter};
-use super::lowpass::{Pictures, as_kept};
+use super::residual::{Difference, background, difference};
 use super::seen::{Seen, SplatEvidence};
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::media::Frame;
 use crate::render::profile::Viewer;
-use crate::scene::gaussians::{CHANNELS, Y0};
+use crate::scene::gaussians::Y0;
 use crate::scene::{Camera, Model};
 
-/// Largest difference of a pixel that counts, of 1. Marks are smaller, and codecs make mistakes that are larger: the
-/// best of those tried on films through H.264.
-const LIMIT: f32 = 0.02;
-/// Levels of an 8-bit channel that was not cut off.
-const BETWEEN: std::ops::RangeInclusive<u8> = 2..=253;
-/// Largest final transmittance of a pixel that shows enough of the asset.
-const UNCOVERED: f32 = 0.98;
-/// Weights of red, green and blue in the luma of ITU-R BT.601. A mark moves all three alike, and codecs keep what else
-/// there is at half the size or worse.
-const LUMA: [f32; CHANNELS] = [0.299, 0.587, 0.114];
 /// Pixels whose errors go together: those of a codec's block of 8x8. The best of 1, 4, 16, 32, 64, 128 and 512 on films
 /// through H.264; without a codec none of them is much worse than 1.
 const TOGETHER: f64 = 64.0;
@@ -236,125 +226,4 @@ fn check_size(shot: &Shot<'_>) -> Result<(), EngineError> {
         got: format!("{}x{} pixels", camera.width, camera.height),
         expected: format!("{}x{}, as the frame has", frame.width(), frame.height()),
     })
-}
-
-/// Least share of a picture that has to be background, and that has to be wholly covered, to tell another one.
-const SEEN: f64 = 0.005;
-/// Largest final transmittance of a pixel that is wholly covered.
-const COVERED: f32 = 0.1;
-/// Levels, of 1, by which a background has to differ to be another, and in which half of its pixels have to lie to be
-/// one colour.
-const OTHER: f32 = 0.1;
-const EVEN: f32 = 0.06;
-
-/// The background of a film in the colours of the model, where it is one colour and not the model's own.
-fn background(frame: &Frame, clean: &[f32], own: [f32; 3]) -> Option<[f32; 3]> {
-    let pixels = || frame.rgb().chunks_exact(CHANNELS).zip(clean.chunks_exact(4));
-    let mut found = own;
-    let mut is_other = false;
-    for (channel, found) in found.iter_mut().enumerate() {
-        let level = |levels: &[u8]| f32::from(levels[channel]) / 255.0;
-        let bare = pixels().filter(|(_, pixel)| pixel[CHANNELS] > UNCOVERED);
-        let mut bare: Vec<f32> = bare.map(|(levels, _)| level(levels)).collect();
-        let covered = pixels()
-            .filter(|(levels, pixel)| pixel[CHANNELS] < COVERED && levels.iter().all(|level| BETWEEN.contains(level)));
-        let covered: Vec<Level> =
-            covered.map(|(levels, pixel)| Level { film: level(levels), clean: pixel[channel] }).collect();
-        if (bare.len().min(covered.len()) as f64) < SEEN * (clean.len() / 4) as f64 {
-            return None;
-        }
-        bare.sort_by(f32::total_cmp);
-        let quarter = |i: usize| bare[i * (bare.len() - 1) / 4];
-        if quarter(3) - quarter(1) > EVEN {
-            return None;
-        }
-        let fit = Line::through(covered.into_iter());
-        // Films end at black and white, and so may a background that was made brighter.
-        let is_own = (quarter(2) - fit.at(own[channel]).clamp(0.0, 1.0)).abs() < OTHER;
-        is_other |= !is_own;
-        if !is_own && fit.slope > 0.0 {
-            *found = narrow((f64::from(quarter(2)) - fit.start) / fit.slope).clamp(0.0, 1.0);
-        }
-    }
-    is_other.then_some(found)
-}
-
-/// A film's difference to the unmarked asset in luma, pixel by pixel, and where it counts.
-struct Difference {
-    limited: Vec<f32>,
-    counted: Vec<bool>,
-}
-
-/// Film minus what the unmarked asset looks like there, after the exposure and contrast that fit each channel best.
-fn difference(frame: &Frame, clean: &[f32]) -> Difference {
-    let pixels = frame.rgb().chunks_exact(CHANNELS).zip(clean.chunks_exact(4));
-    let counts = |(levels, pixel): (&[u8], &[f32])| {
-        levels.iter().all(|level| BETWEEN.contains(level)) && pixel[CHANNELS] <= UNCOVERED
-    };
-    let counted: Vec<bool> = pixels.clone().map(counts).collect();
-    let mut pictures = vec![[0.0f32; 2]; counted.len()];
-    for (channel, weight) in LUMA.into_iter().enumerate() {
-        let levels = pixels
-            .clone()
-            .map(|(levels, pixel)| Level { film: f32::from(levels[channel]) / 255.0, clean: pixel[channel] });
-        let fit = Line::through(levels.clone().zip(&counted).filter(|(_, counted)| **counted).map(|(level, _)| level));
-        for ([film, clean], level) in pictures.iter_mut().zip(levels) {
-            *film += weight * level.film;
-            *clean += weight * fit.at(level.clean);
-        }
-    }
-    // What does not count is as the clean picture, so that no edge of it is taken for detail.
-    let (film, clean): (Vec<f32>, Vec<f32>) = pictures
-        .iter()
-        .zip(&counted)
-        .map(|([film, clean], counted)| (if *counted { *film } else { *clean }, *clean))
-        .unzip();
-    let width = frame.width() as usize;
-    let kept = as_kept(&Pictures { film: &film, clean: &clean, counted: &counted, width });
-    let limited = film
-        .iter()
-        .zip(kept)
-        .zip(&counted)
-        .map(|((film, kept), counted)| if *counted { (film - kept).clamp(-LIMIT, LIMIT) } else { 0.0 })
-        .collect();
-    Difference { limited, counted }
-}
-
-/// A channel of a pixel.
-#[derive(Clone, Copy)]
-struct Level {
-    film: f32,
-    clean: f32,
-}
-
-/// film ≈ slope·clean + start
-struct Line {
-    slope: f64,
-    start: f64,
-}
-
-impl Line {
-    /// The least squares; film = clean where that does not vary.
-    fn through(levels: impl Iterator<Item = Level>) -> Self {
-        let (mut n, mut x, mut y, mut xx, mut xy) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for Level { film, clean } in levels {
-            let (film, clean) = (f64::from(film), f64::from(clean));
-            n += 1.0;
-            x += clean;
-            y += film;
-            xx += clean * clean;
-            xy += clean * film;
-        }
-        let n = f64::max(n, 1.0);
-        let (x, y) = (x / n, y / n);
-        let (xx, xy) = (xx / n - x * x, xy / n - x * y);
-        if xx <= f64::EPSILON {
-            return Self { slope: 1.0, start: 0.0 };
-        }
-        Self { slope: xy / xx, start: y - xy / xx * x }
-    }
-
-    fn at(&self, clean: f32) -> f32 {
-        narrow(self.slope * f64::from(clean) + self.start)
-    }
 }

@@ -16,6 +16,7 @@ pub mod issue;
 mod looks;
 mod lowpass;
 pub mod power;
+mod residual;
 pub mod seen;
 pub mod similarity;
 pub mod trace;

@@ -1,0 +1,175 @@
+//! What is left of a film's frame when the unmarked asset is taken off it, and where it counts.
+
+use nalgebra::{Matrix4, Vector4};
+
+use super::lowpass::{Pictures, as_kept};
+use crate::base::numbers::narrow;
+use crate::media::Frame;
+use crate::scene::gaussians::CHANNELS;
+
+/// Largest difference of a pixel that counts, of 1. Marks are smaller, and codecs make mistakes that are larger: the
+/// best of those tried on films through H.264.
+const LIMIT: f32 = 0.02;
+/// Levels of an 8-bit channel that was not cut off.
+const BETWEEN: std::ops::RangeInclusive<u8> = 2..=253;
+/// Largest final transmittance of a pixel that shows enough of the asset.
+const UNCOVERED: f32 = 0.98;
+/// Weights of red, green and blue in the luma of ITU-R BT.601. A mark moves all three alike, and codecs keep what else
+/// there is at half the size or worse.
+const LUMA: [f32; CHANNELS] = [0.299, 0.587, 0.114];
+/// Least share of a picture that has to be background, and that has to be wholly covered, to tell another one.
+const SEEN: f64 = 0.005;
+/// Largest final transmittance of a pixel that is wholly covered.
+const COVERED: f32 = 0.1;
+/// Levels, of 1, by which a background has to differ to be another, and in which half of its pixels have to lie to be
+/// one colour.
+const OTHER: f32 = 0.1;
+const EVEN: f32 = 0.06;
+
+/// The background of a film in the colours of the model, where it is one colour and not the model's own.
+pub(super) fn background(frame: &Frame, clean: &[f32], own: [f32; 3]) -> Option<[f32; 3]> {
+    let pixels = || frame.rgb().chunks_exact(CHANNELS).zip(clean.chunks_exact(4));
+    let mut found = own;
+    let mut is_other = false;
+    for (channel, found) in found.iter_mut().enumerate() {
+        let level = |levels: &[u8]| f32::from(levels[channel]) / 255.0;
+        let bare = pixels().filter(|(_, pixel)| pixel[CHANNELS] > UNCOVERED);
+        let mut bare: Vec<f32> = bare.map(|(levels, _)| level(levels)).collect();
+        let covered = pixels()
+            .filter(|(levels, pixel)| pixel[CHANNELS] < COVERED && levels.iter().all(|level| BETWEEN.contains(level)));
+        let covered: Vec<Level> =
+            covered.map(|(levels, pixel)| Level { film: level(levels), clean: pixel[channel] }).collect();
+        if (bare.len().min(covered.len()) as f64) < SEEN * (clean.len() / 4) as f64 {
+            return None;
+        }
+        bare.sort_by(f32::total_cmp);
+        let quarter = |i: usize| bare[i * (bare.len() - 1) / 4];
+        if quarter(3) - quarter(1) > EVEN {
+            return None;
+        }
+        let fit = Line::through(covered.into_iter());
+        // Films end at black and white, and so may a background that was made brighter; and what bends levels leaves
+        // both ends where they are.
+        let own = [own[channel], fit.at(own[channel]).clamp(0.0, 1.0)];
+        let is_own = own.iter().any(|own| (quarter(2) - own).abs() < OTHER);
+        is_other |= !is_own;
+        if !is_own && fit.slope > 0.0 {
+            *found = narrow((f64::from(quarter(2)) - fit.start) / fit.slope).clamp(0.0, 1.0);
+        }
+    }
+    is_other.then_some(found)
+}
+
+/// A film's difference to the unmarked asset in luma, pixel by pixel, and where it counts.
+pub(super) struct Difference {
+    pub limited: Vec<f32>,
+    pub counted: Vec<bool>,
+}
+
+/// Film minus what the unmarked asset looks like there, after the exposure, contrast and bend that fit each channel
+/// best.
+pub(super) fn difference(frame: &Frame, clean: &[f32]) -> Difference {
+    let pixels = frame.rgb().chunks_exact(CHANNELS).zip(clean.chunks_exact(4));
+    let counts = |(levels, pixel): (&[u8], &[f32])| {
+        levels.iter().all(|level| BETWEEN.contains(level)) && pixel[CHANNELS] <= UNCOVERED
+    };
+    let counted: Vec<bool> = pixels.clone().map(counts).collect();
+    let mut pictures = vec![[0.0f32; 2]; counted.len()];
+    for (channel, weight) in LUMA.into_iter().enumerate() {
+        let levels = pixels
+            .clone()
+            .map(|(levels, pixel)| Level { film: f32::from(levels[channel]) / 255.0, clean: pixel[channel] });
+        let fit = Curve::through(levels.clone().zip(&counted).filter(|(_, counted)| **counted).map(|(level, _)| level));
+        for ([film, clean], level) in pictures.iter_mut().zip(levels) {
+            *film += weight * level.film;
+            *clean += weight * fit.at(level.clean);
+        }
+    }
+    // What does not count is as the clean picture, so that no edge of it is taken for detail.
+    let (film, clean): (Vec<f32>, Vec<f32>) = pictures
+        .iter()
+        .zip(&counted)
+        .map(|([film, clean], counted)| (if *counted { *film } else { *clean }, *clean))
+        .unzip();
+    let width = frame.width() as usize;
+    let kept = as_kept(&Pictures { film: &film, clean: &clean, counted: &counted, width });
+    let limited = film
+        .iter()
+        .zip(kept)
+        .zip(&counted)
+        .map(|((film, kept), counted)| if *counted { (film - kept).clamp(-LIMIT, LIMIT) } else { 0.0 })
+        .collect();
+    Difference { limited, counted }
+}
+
+/// A channel of a pixel.
+#[derive(Clone, Copy)]
+struct Level {
+    film: f32,
+    clean: f32,
+}
+
+/// film ≈ slope·clean + start
+struct Line {
+    slope: f64,
+    start: f64,
+}
+
+impl Line {
+    /// The least squares; film = clean where that does not vary.
+    fn through(levels: impl Iterator<Item = Level>) -> Self {
+        let (mut n, mut x, mut y, mut xx, mut xy) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for Level { film, clean } in levels {
+            let (film, clean) = (f64::from(film), f64::from(clean));
+            n += 1.0;
+            x += clean;
+            y += film;
+            xx += clean * clean;
+            xy += clean * film;
+        }
+        let n = f64::max(n, 1.0);
+        let (x, y) = (x / n, y / n);
+        let (xx, xy) = (xx / n - x * x, xy / n - x * y);
+        if xx <= f64::EPSILON {
+            return Self { slope: 1.0, start: 0.0 };
+        }
+        Self { slope: xy / xx, start: y - xy / xx * x }
+    }
+
+    fn at(&self, clean: f32) -> f32 {
+        narrow(self.slope * f64::from(clean) + self.start)
+    }
+}
+
+/// film ≈ Σ a·P(2·clean − 1), over the first four of Legendre's polynomials: exposure, contrast, and a bend such as a
+/// power of each level.
+struct Curve(Vector4<f64>);
+
+/// What is added to each polynomial's sum of squares, of the number of levels: where levels leave one open, it is none.
+const RIDGE: f64 = 1e-6;
+
+impl Curve {
+    /// The least squares; film = clean where there is nothing to fit.
+    fn through(levels: impl Iterator<Item = Level>) -> Self {
+        let (mut normal, mut right, mut n) = (Matrix4::zeros(), Vector4::zeros(), 0.0);
+        for Level { film, clean } in levels {
+            let row = Self::row(clean);
+            normal += row * row.transpose();
+            right += row * f64::from(film - clean);
+            n += 1.0;
+        }
+        let normal = normal + Matrix4::identity() * (RIDGE * n);
+        let off = normal.cholesky().map_or_else(Vector4::zeros, |factor| factor.solve(&right));
+        // clean = 1/2 + (2·clean − 1)/2
+        Self(off + Vector4::new(0.5, 0.5, 0.0, 0.0))
+    }
+
+    fn at(&self, clean: f32) -> f32 {
+        narrow(self.0.dot(&Self::row(clean)))
+    }
+
+    fn row(clean: f32) -> Vector4<f64> {
+        let x = 2.0 * f64::from(clean) - 1.0;
+        Vector4::new(1.0, x, 1.5 * x * x - 0.5, 2.5 * x * x * x - 1.5 * x)
+    }
+}
