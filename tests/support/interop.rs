@@ -30,7 +30,7 @@ pub(crate) fn run(command: &mut Command) -> String {
     String::from_utf8(output.stdout).expect("text")
 }
 
-/// What the viewer of a page in `tests/interop/viewers.cjs` shows, also left in `folder` as numbered PNGs; nothing
+/// What the viewer of a page in `tests/interop/viewers.cjs` shows, also left in `folder` as numbered pictures; nothing
 /// where there is no viewer.
 pub(crate) fn filmed(page: &str, folder: &Path, splats: &Gaussians, cameras: &CameraSet) -> Option<Vec<Frame>> {
     let (modules, browser) = (program("GUARD4D_NODE_MODULES")?, program("GUARD4D_CHROMIUM")?);

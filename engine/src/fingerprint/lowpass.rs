@@ -185,7 +185,7 @@ mod tests {
         // Of 0.08; what is coarse is in the same groups as a little of the stripes.
         assert!(left.iter().all(|left| left.abs() < 0.02), "{:?}", left.iter().fold(0.0f32, |a, b| a.max(b.abs())));
         // Signs of a mark that the clean picture knows nothing of, whole numbers' hash.
-        let sign = |at: usize| if (at as u32).wrapping_mul(2_654_435_761) >> 31 == 0 { 0.004 } else { -0.004 };
+        let sign = |at: usize| if at.wrapping_mul(2_654_435_761) >> 31 & 1 == 0 { 0.004 } else { -0.004 };
         let marked: Vec<f32> = film.iter().enumerate().map(|(at, level)| level + sign(at)).collect();
         let with_mark = rest(&marked, &kept(&marked, &clean, &all));
         let share: f32 = whole

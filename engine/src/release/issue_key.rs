@@ -40,7 +40,7 @@ pub fn write(path: &Path, existing: Existing, terms: &Terms) -> Result<(), Engin
     AtomicFile::write_private(path, existing, &Zeroizing::new(json::to_file(&key)))
 }
 
-/// Reads what [`write`] wrote.
+/// Reads what [`write()`] wrote.
 ///
 /// # Errors
 /// [`EngineError::MissingInput`], [`EngineError::Io`]; [`EngineError::BadData`] naming the field.
