@@ -38,6 +38,8 @@ const APART_OF_USUAL: f64 = 4.0;
 /// What a place costs, of an earlier one, to be begun at instead: movement is even, and where a turn hides it pictures
 /// say little of how far along it is.
 const MUCH_BETTER: f64 = 0.6;
+/// What a picture that was made smaller costs, of one that was not, to be taken for the film's.
+const CLEARLY: f64 = 0.9;
 /// What a frame costs, of what is usual beside it, to be looked at again; moments that are tried then.
 const DEAR: f64 = 1.4;
 const BESIDE: usize = 4;
@@ -102,6 +104,7 @@ impl Locator {
     /// When memory runs out, the device fails, or the observer stops the work.
     pub fn locate(&mut self, frames: &[Gray], observer: &mut dyn Observer) -> Result<Track, EngineError> {
         let shots = shots(frames);
+        self.stage.set_film_drawn_at(1);
         let mut work = Work { done: 0, total: 2 * frames.len() as u64, observer };
         let Some(longest) = (0..shots.len()).max_by_key(|shot| shots[*shot].len()) else { return Ok(Track::default()) };
         let mut begun = self.first(&frames[shots[longest].clone()], &mut work)?;
@@ -220,6 +223,7 @@ impl Locator {
         work: &mut Work<'_>,
     ) -> Result<(), EngineError> {
         let stage = &mut self.stage;
+        draw_as(stage, &frames[begun], &fits[begun].pose)?;
         let usual = median(fits.iter().map(|fit| fit.pose.lens));
         let telling = TELLING.min(frames.len());
         let mut lenses = Vec::new();
@@ -289,6 +293,17 @@ impl Locator {
         }
         Ok(())
     }
+}
+
+/// Has the asset drawn as finely as a film was that this is a frame of: at its size, or at twice and then made smaller.
+fn draw_as(stage: &mut Stage, frame: &Gray, pose: &Pose) -> Result<(), EngineError> {
+    stage.set_film_drawn_at(2);
+    let twice = cost_of(stage, frame, pose, LAST)?;
+    stage.set_film_drawn_at(1);
+    if twice < CLEARLY * cost_of(stage, frame, pose, LAST)? {
+        stage.set_film_drawn_at(2);
+    }
+    Ok(())
 }
 
 /// A frame's last steps, from the first of several places unless it fits much better in another.

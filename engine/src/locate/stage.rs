@@ -40,6 +40,7 @@ pub struct Stage {
     look_at: LookAt,
     moves: bool,
     rough: bool,
+    film_drawn_at: u32,
     places: Places,
     /// Offsets with which the colours of a moment are places, of the moment that was asked last.
     as_places: Option<(Arc<SplatState>, Buffer<f32>)>,
@@ -71,6 +72,7 @@ impl Stage {
             look_at,
             moves: !model.motion.is_still(),
             rough: true,
+            film_drawn_at: 1,
             places,
             as_places: None,
         })
@@ -118,12 +120,23 @@ impl Stage {
         self.rough = rough;
     }
 
+    /// How many times as large as the film, along a side, the asset is drawn where it is drawn as the film was: films
+    /// may have been made smaller since.
+    pub fn set_film_drawn_at(&mut self, times: u32) {
+        self.film_drawn_at = times;
+    }
+
+    fn drawn_at(&self, canvas: Canvas) -> Result<FrameSize, EngineError> {
+        let (size, times) = canvas.drawn.map_or((canvas.size, FINER), |film| (film, self.film_drawn_at));
+        FrameSize::new(times * size.width(), times * size.height())
+    }
+
     /// What a camera sees of the asset at the pose's moment.
     ///
     /// # Errors
     /// When memory runs out or the device fails.
     pub fn draw(&mut self, pose: &Pose, canvas: Canvas) -> Result<Drawn, EngineError> {
-        let drawn_at = canvas.drawn_at()?;
+        let drawn_at = self.drawn_at(canvas)?;
         let plan = self.plan(pose, drawn_at)?;
         let mut rec = self.device.recorder()?;
         let mut pixels = self.device.buffer("locate.frame", plan.frame_len())?;
@@ -137,7 +150,7 @@ impl Stage {
     /// # Errors
     /// When memory runs out or the device fails.
     pub fn points(&mut self, pose: &Pose, canvas: Canvas) -> Result<Vec<Option<DVec3>>, EngineError> {
-        let (drawn_at, size) = (canvas.drawn_at()?, canvas.size);
+        let (drawn_at, size) = (self.drawn_at(canvas)?, canvas.size);
         let plan = self.plan(pose, drawn_at)?;
         let state = self.at(pose.time)?;
         let as_places = match self.as_places.take() {
@@ -187,7 +200,7 @@ fn middle(look_at: LookAt) -> Middle {
 pub struct Canvas {
     /// What it is.
     pub size: FrameSize,
-    /// What it is drawn at, if not finer than it is.
+    /// The film's size, if it is drawn as the film was.
     pub drawn: Option<FrameSize>,
 }
 
@@ -196,10 +209,6 @@ impl Canvas {
     #[must_use]
     pub fn fine(size: FrameSize) -> Self {
         Self { size, drawn: None }
-    }
-
-    fn drawn_at(self) -> Result<FrameSize, EngineError> {
-        self.drawn.map_or_else(|| FrameSize::new(FINER * self.size.width(), FINER * self.size.height()), Ok)
     }
 }
 
