@@ -6,6 +6,8 @@
 
 use std::f32::consts::PI;
 
+use rayon::prelude::*;
+
 use crate::base::numbers::narrow;
 
 /// Side of a block in pixels, as most codecs have it.
@@ -122,12 +124,12 @@ impl Blocks {
             };
             transformed(&std::array::from_fn(pixel), &rows, false)
         };
-        Self { coefficients: (0..across * height.div_ceil(SIDE)).map(block).collect(), width, height }
+        Self { coefficients: (0..across * height.div_ceil(SIDE)).into_par_iter().map(block).collect(), width, height }
     }
 
     fn picture(&self) -> Vec<f32> {
         let (rows, across) = (cosines(), self.width.div_ceil(SIDE));
-        let blocks: Vec<_> = self.coefficients.iter().map(|block| transformed(block, &rows, true)).collect();
+        let blocks: Vec<_> = self.coefficients.par_iter().map(|block| transformed(block, &rows, true)).collect();
         let pixel = |at: usize| {
             let (x, y) = (at % self.width, at / self.width);
             blocks[y / SIDE * across + x / SIDE][y % SIDE * SIDE + x % SIDE]
