@@ -43,9 +43,9 @@ enum Action {
     /// Writes a root over the issue and its copies, which `timestamp` has dated before they are given away
     ///
     /// It says nothing to who lacks the ledger.
-    Commit(CommitArgs),
-    /// Writes the issue's key as a file on its own: a backup that stays good while copies are added
-    Key(KeyArgs),
+    Commit(WriteArgs),
+    /// Writes the issue's key as a private file on its own: a backup that stays good while copies are added
+    Key(WriteArgs),
     /// Makes a lost ledger again from its key
     ///
     /// Without a table of its copies it is empty: `add` the recipients in their old order, or `trace --copies`.
@@ -101,21 +101,10 @@ struct MergeArgs {
 }
 
 #[derive(Args, Debug)]
-struct CommitArgs {
+struct WriteArgs {
     #[command(flatten)]
     file: LedgerFile,
-    /// File for the root
-    #[arg(long, value_name = "FILE")]
-    out: PathBuf,
-    #[command(flatten)]
-    overwrite: Overwrite,
-}
-
-#[derive(Args, Debug)]
-struct KeyArgs {
-    #[command(flatten)]
-    file: LedgerFile,
-    /// File for the key; keep it private
+    /// File to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[command(flatten)]
