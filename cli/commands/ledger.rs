@@ -166,9 +166,12 @@ pub(crate) fn run(args: &LedgerArgs, common: &Common) -> Result<Outcome, EngineE
 fn restore(args: &RestoreArgs) -> Result<(), EngineError> {
     let terms = issue_key::read(&args.key)?;
     // Read before the ledger is made, so that a bad table leaves none behind.
-    let copies = args.copies.as_deref().map(Ledger::read_csv).transpose()?.unwrap_or_default();
+    let copies =
+        args.copies.as_deref().map(|table| Ledger::read_csv(table).map(|copies| (table, copies))).transpose()?;
     let mut ledger = Ledger::create(&args.out, &terms)?;
-    ledger.add(&copies, args.copies.as_deref().unwrap_or(&args.out))?;
+    if let Some((table, copies)) = copies {
+        ledger.add(&copies, table)?;
+    }
     Ok(())
 }
 

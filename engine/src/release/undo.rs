@@ -36,7 +36,7 @@ pub fn write(path: &Path, model: &Model, marked: &[f32]) -> Result<(), EngineErr
 /// [`EngineError::CannotCreate`] and [`EngineError::Io`] naming the file; those of [`Model::words_of`].
 pub fn write_for_copies(path: &Path, existing: Existing, model: &Model) -> Result<(), EngineError> {
     let words = model.words()?;
-    let words = of_base_colours(model)?.into_iter().map(|at| words[at]).collect();
+    let words = of_base_colours(model, &words)?.into_iter().map(|at| words[at]).collect();
     write_words(path, existing, model, OF_COPIES, words)
 }
 
@@ -54,9 +54,8 @@ fn write_words(
     AtomicFile::write_private(path, existing, &file.to_bytes()?)
 }
 
-/// The words of a model that hold base colours, whatever those are.
-fn of_base_colours(model: &Model) -> Result<Vec<usize>, EngineError> {
-    let words = model.words()?;
+/// Which of the model's `words` hold base colours, whatever those are.
+fn of_base_colours(model: &Model, words: &[u32]) -> Result<Vec<usize>, EngineError> {
     let moved = |by: f32| {
         let mut sh_coeffs = model.gaussians.sh_coeffs.clone();
         sh_coeffs.chunks_exact_mut(SH_FLOATS).for_each(|row| row[..CHANNELS].iter_mut().for_each(|dc| *dc += by));
@@ -83,7 +82,7 @@ pub fn restore(model: &Path, undo: &Path, out: &Path, existing: Existing) -> Res
         let words = file.integers("words", &[restored.len()])?;
         restored.iter_mut().zip(words).for_each(|(stored, word)| *stored ^= word);
     } else {
-        let places = of_base_colours(&marked)?;
+        let places = of_base_colours(&marked, &restored)?;
         let words = file.integers("words", &[places.len()])?;
         places.into_iter().zip(words).for_each(|(at, word)| restored[at] = *word);
     }
