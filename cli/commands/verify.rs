@@ -113,7 +113,8 @@ pub(crate) struct VerifyArgs {
     /// With --original: do not look for where films were taken
     ///
     /// Where the message alone does not prove it and no --cameras are given, the film is located as `locate` does, and
-    /// the owner's chips are read in it, which takes minutes. They are the second of two readings either way.
+    /// the message is read beside the original, and the owner's chips, which takes minutes. These are the second and
+    /// third of three readings either way.
     #[arg(long)]
     no_locate: bool,
     /// Write the verdict as a page for people: one HTML file that needs no other and no network

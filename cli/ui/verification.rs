@@ -1,5 +1,6 @@
 //! A verification's report, for people.
 
+use guard4d_engine::detect::compared_message::ComparedMessage;
 use guard4d_engine::detect::free_part::{Checked, FreePart};
 use guard4d_engine::detect::gathered::SharedClaim;
 use guard4d_engine::detect::owner_chips::ChipsReading;
@@ -28,6 +29,7 @@ pub(crate) fn human(report: &VerifyReport) -> String {
         ("evidence", evidence_in_words(e.mode, is_chosen(report)).to_owned()),
         ("p-value", p),
     ];
+    rows.extend(report.compared_message.as_ref().map(|said| ("beside the original", compared_in_words(said))));
     rows.extend(report.owner_chips.as_ref().map(|chips| ("owner's chips", chips_in_words(chips))));
     rows.extend(report.located.iter().map(|found| ("cameras found", found_in_words(found))));
     rows.extend(e.panel.pools.iter().map(|pool| ("control", pool_in_words(pool))));
@@ -76,6 +78,15 @@ pub(super) fn found_in_words(found: &LocateReport) -> String {
     let likeness =
         found.likeness.map_or_else(String::new, |likeness| format!(", {likeness:.2} of 1 like the original"));
     format!("{} of {} frames{likeness}", found.located, found.looked_at)
+}
+
+/// What the message says where film and original are compared.
+pub(super) fn compared_in_words(said: &ComparedMessage) -> String {
+    let ComparedMessage { matches, num_bits, frames, id, p_value, proves } = said;
+    let p = p_in_words(&PStatement::Searched(*p_value));
+    let id = id.map_or_else(String::new, |id| format!(", id {id}"));
+    let says = if *proves { "that proves it alone" } else { "that proves nothing alone" };
+    format!("{matches} of {num_bits} bits match{id} ({frames} frames), p {p}: {says}")
 }
 
 /// What the owner's chips say.

@@ -76,16 +76,20 @@ fn a_film_from_above_proves_the_asset_by_its_chips_alone() {
     let chips = &found["owner_chips"];
     assert_eq!((run.code, &found["verdict"], &chips["proves"]), (0, &"present".into(), &true.into()), "{found}");
     assert_ne!(found["evidence"]["verdict"], "present", "eight bits prove nothing");
-    assert_eq!((&chips["frames"], &chips["searched"]), (&8.into(), &2.into()), "{chips}");
+    assert_eq!((&chips["frames"], &chips["searched"]), (&8.into(), &3.into()), "{chips}");
     // What the issue asks of 24 frames through a codec; these are eight, and exact.
     assert!(chips["log10_p"].as_f64().is_some_and(|p| p < -9.0), "{chips}");
-    // The message is one of two readings.
-    assert_eq!(found["evidence"]["p_value"]["searched"], 2, "{found}");
+    // The message alone, and beside the original, are two of three readings.
+    assert_eq!(found["evidence"]["p_value"]["searched"], 3, "{found}");
+    let beside = &found["compared_message"];
+    assert_eq!((&beside["frames"], &beside["num_bits"]), (&8.into(), &8.into()), "{found}");
+    assert_eq!((&beside["p_value"]["searched"], &beside["proves"]), (&3.into(), &false.into()), "{found}");
     let words = owner.verify("leak", "out", &by_cameras[..4]).stdout;
     assert!(words.contains("PRESENT") && words.contains("they prove it alone"), "{words}");
+    assert!(words.contains("beside the original"), "{words}");
     // Ten claims, ten chances.
     let ten = json(&owner.verify("leak", "out", &[&by_cameras[..], &[&"--claims", &"10"]].concat()));
-    assert_eq!((&ten["owner_chips"]["searched"], &ten["owner_chips"]["proves"]), (&20.into(), &true.into()), "{ten}");
+    assert_eq!((&ten["owner_chips"]["searched"], &ten["owner_chips"]["proves"]), (&30.into(), &true.into()), "{ten}");
 
     let found = json(&owner.verify("clean", "out", &by_cameras));
     assert_eq!((&found["owner_chips"]["proves"], &found["owner_chips"]["frames"]), (&false.into(), &8.into()));
@@ -101,18 +105,19 @@ fn a_film_from_above_proves_the_asset_by_its_chips_alone() {
     let found = json(&owner.verify("round", "out", &[&"--original", &scene, &"--max-frames", &"6", &"--json"]));
     assert_eq!((&found["located"][0]["located"], &found["owner_chips"]["frames"]), (&6.into(), &6.into()), "{found}");
     assert_eq!((&found["verdict"], &found["owner_chips"]["proves"]), (&"present".into(), &true.into()), "{found}");
-    assert_eq!(found["evidence"]["p_value"]["searched"], 2, "both readings count: {found}");
+    assert_eq!(found["evidence"]["p_value"]["searched"], 3, "all readings count: {found}");
+    assert_eq!(found["compared_message"]["frames"], 6, "{found}");
 
     // Without the original they are not read, nor unasked.
     let blind = json(&owner.verify("leak", "out", &[&"--json"]));
     assert!(blind["owner_chips"].is_null() && blind["evidence"]["p_value"]["kind"] == "exact", "{blind}");
     let orbit = json(&owner.verify("leak", "out", &[&"--original", &scene, &"--no-locate", &"--json"]));
-    assert!(orbit["owner_chips"].is_null(), "{orbit}");
+    assert!(orbit["owner_chips"].is_null() && orbit["compared_message"].is_null(), "{orbit}");
 
     // A mark without chips says nothing by them.
     owner.embed("plain", &["--chips-db", "0"]).done();
     owner.film(&owner.at("plain/marked"), "plain-film");
     let plain = json(&owner.verify("plain-film", "plain", &by_cameras));
-    assert!(plain["owner_chips"].is_null(), "{plain}");
+    assert!(plain["owner_chips"].is_null() && plain["compared_message"]["frames"] == 8, "{plain}");
     owner.embed("much", &["--chips-db", "4"]).refused(2, &["chips_db: 4", "0 to 3 dB"]);
 }

@@ -3,11 +3,13 @@
 
 use std::path::Path;
 
+use guard4d_engine::detect::comparer::Comparer;
 use guard4d_engine::evidence::extractor_mode::ExtractorMode;
 use guard4d_engine::evidence::id_code::SearchedP;
 use guard4d_engine::evidence::message::Message;
 use guard4d_engine::evidence::reading::Reading;
 use guard4d_engine::evidence::statistics::chance_band;
+use guard4d_engine::fingerprint::shot::Shot;
 use guard4d_engine::media::codec::Codec;
 use guard4d_engine::media::encode::{EncodeOptions, write_video};
 use guard4d_engine::media::{Frame, ReadOptions, read_clip};
@@ -19,7 +21,7 @@ use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile
 use guard4d_engine::watermark::extractor::reader::Reader;
 use guard4d_engine::watermark::extractor::weights::ExtractorWeights;
 
-use crate::support::gpu::device;
+use crate::support::gpu::{Gpu, device};
 use crate::support::{has_ffmpeg, trained};
 
 const BITS: u32 = 16;
@@ -86,17 +88,43 @@ fn share(films: &[Reading], message: &Message) -> f64 {
     f64::from(right) / f64::from(BITS * SIDES)
 }
 
-/// A short embedding.
-fn embed(subject: Subject<'_>, mode: ExtractorMode) -> Embedded {
-    let config = EmbedConfig::new(Profile::Draft, mode).with(|c| {
+/// What films say beside the original, each by itself and all together.
+fn compare(
+    gpu: &Gpu,
+    reader: &mut Reader,
+    model: &Model,
+    films: &[Vec<Frame>],
+    place: Place,
+) -> (Vec<Reading>, Reading) {
+    let views = settings(ExtractorMode::Blind).views;
+    let mut logits = Vec::new();
+    for (film, shots) in films.iter().zip(cameras(place).clips()) {
+        let mut comparer = Comparer::new(gpu, model, &views).expect("frames have a size");
+        assert_eq!(film.len(), shots.len(), "a camera for each frame");
+        for (frame, (camera, time)) in film.iter().zip(shots) {
+            comparer.push(reader, &Shot { frame, camera, time }).expect("compares");
+        }
+        comparer.next_film(reader).expect("compares");
+        logits.push(comparer.into_logits());
+    }
+    let of = |logits: &[f32]| Reading::from_logits(logits, BITS).expect("finite logits");
+    (logits.iter().map(|film| of(film)).collect(), of(&logits.concat()))
+}
+
+/// Those of a short embedding.
+fn settings(mode: ExtractorMode) -> EmbedConfig {
+    EmbedConfig::new(Profile::Draft, mode).with(|c| {
         c.seed = 3;
         c.views.size_px = (SIDE_PX[0], SIDE_PX[0]);
         c.views.clips = 48;
         c.optimiser.steps = 400;
         c.optimiser.held_out_every = 0;
         c.open_weights().expect("what is built in is whole");
-    });
-    let mut embedding = Embedding::prepare(subject, config).expect("prepares");
+    })
+}
+
+fn embed(subject: Subject<'_>, mode: ExtractorMode) -> Embedded {
+    let mut embedding = Embedding::prepare(subject, settings(mode)).expect("prepares");
     while embedding.step().expect("steps").is_some() {}
     embedding.finish().expect("finishes")
 }
@@ -155,6 +183,15 @@ fn assert_read(mode: ExtractorMode) {
     println!("{mode:?}: {framed} of the bits of far films, {unframed} without framing");
     assert!(framed >= FAR_BITS_RIGHT, "{framed} of the bits of far films; at least {FAR_BITS_RIGHT} are due");
     assert!(framed >= unframed + FRAMING_GAIN, "{framed} of the bits framed, {unframed} whole");
+
+    // The extractor that frames nothing reads them beside the original, whose cameras frame them.
+    let (marked, _) = compare(&gpu, &mut whole, &model, &far.marked, FAR);
+    let (_, all_clean) = compare(&gpu, &mut whole, &model, &far.clean, FAR);
+    let (beside, clean) = (self::share(&marked, &message), all_clean.matches(&message).expect("16 bits"));
+    println!("{mode:?}: {beside} of the bits of far films beside the original, {clean} of {BITS} without a mark");
+    assert!(beside >= unframed + FRAMING_GAIN, "{beside} of the bits beside the original, {unframed} whole");
+    assert!(beside >= FAR_BITS_RIGHT, "{beside} of the bits of far films; at least {FAR_BITS_RIGHT} are due");
+    assert!(band.contains(&clean), "{clean} of {BITS} bits; {band:?} is what chance leaves");
 }
 
 #[test]

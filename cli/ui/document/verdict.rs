@@ -1,5 +1,6 @@
 //! The verdict in one sentence, how rare it is, and what was asked.
 
+use guard4d_engine::detect::compared_message::ComparedMessage;
 use guard4d_engine::detect::owner_chips::ChipsReading;
 use guard4d_engine::detect::report::{IdEvidence, VerifyReport};
 use guard4d_engine::evidence::extractor_mode::ExtractorMode;
@@ -10,7 +11,9 @@ use maud::{Markup, PreEscaped, html};
 
 use super::chart::Rarity;
 use super::text::{once_in, plain};
-use crate::ui::verification::{chips_in_words, choices_row, framed_row, id_rows, p_in_words, undone_in_words};
+use crate::ui::verification::{
+    chips_in_words, choices_row, compared_in_words, framed_row, id_rows, p_in_words, undone_in_words,
+};
 
 /// The verdict as a word.
 pub(super) const fn word(verdict: Verdict) -> &'static str {
@@ -36,6 +39,10 @@ pub(super) fn section(report: &VerifyReport) -> Markup {
         }
         h2 { "How rare that is" }
         (rarity(report))
+        @if let Some(said) = &report.compared_message {
+            h2 { "The message beside the original" }
+            p { "Each frame compared with the original's, from the film's cameras: " (compared_in_words(said)) "." }
+        }
         @if let Some(chips) = &report.owner_chips {
             h2 { "The owner's chips" }
             p { "Compared with the original from the film's cameras: " (chips_in_words(chips)) "." }
@@ -54,6 +61,12 @@ fn sentence(report: &VerifyReport) -> String {
     if let Some(ChipsReading { proves: true, frames, .. }) = &report.owner_chips {
         return format!(
             "The film shows the owner's asset: the chips in its {frames} frames are those of the owner's key. {agree}."
+        );
+    }
+    if let Some(ComparedMessage { proves: true, matches, num_bits, frames, .. }) = &report.compared_message {
+        return format!(
+            "The film carries the mark: beside the original, {matches} of {num_bits} bits in its {frames} frames agree \
+             with the message of the receipt."
         );
     }
     match (evidence.verdict, chance(report)) {

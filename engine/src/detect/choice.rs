@@ -45,10 +45,7 @@ pub(super) fn nearest(
         Answer::of(guess, reading, promised, prf)
     });
     let answers = answers.collect::<Result<Vec<_>, EngineError>>()?;
-    let p = |answer: &Answer| match statistic {
-        DecisionStatistic::Matches => answer.p.matches,
-        DecisionStatistic::SoftScore => answer.p.soft_score,
-    };
+    let p = |answer: &Answer| answer.p.by(statistic);
     let nearest = answers.into_iter().min_by(|a, b| {
         let is_guess = |answer: &Answer| answer.guess > 0;
         let equals = || is_guess(a).cmp(&is_guess(b)).then(b.clearness.total_cmp(&a.clearness));
@@ -58,7 +55,11 @@ pub(super) fn nearest(
 }
 
 impl Answer {
-    fn of(guess: usize, reading: Reading, promised: &Promised, prf: &Prf) -> Result<Self, EngineError> {
+    /// What a reading says with the guess of this number undone.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for lengths that do not fit.
+    pub(super) fn of(guess: usize, reading: Reading, promised: &Promised, prf: &Prf) -> Result<Self, EngineError> {
         let (mut message, mut id) = (promised.message(), None);
         if let Some(promised) = promised.id() {
             let code = promised.code();

@@ -5,9 +5,12 @@ use std::path::Path;
 use guard4d_kernels::Device;
 use guard4d_kernels::image::resize::ImageSize;
 
+use super::comparer::Comparer;
 use super::exhibit::{Album, Exhibit};
+use super::gathered::KnownFilm;
 use crate::base::observer::{Observer, Progress};
 use crate::error::EngineError;
+use crate::fingerprint::shot::Shot;
 use crate::media::framing::{Framing, Rect};
 use crate::media::{Frame, FrameSource, Integrity, ReadOptions};
 use crate::picture::known_cameras::KnownCameras;
@@ -102,6 +105,23 @@ impl<'a> ClipReader<'a> {
     pub(super) fn plain_video(&mut self, path: &Path) -> Result<ClipFeatures, EngineError> {
         let clip = self.video(path, Framing::default(), None, &[UndoGuess::NONE])?;
         Ok(clip.features.into_iter().next().unwrap_or_default())
+    }
+
+    /// Compares the frames of a film whose cameras are known.
+    ///
+    /// # Errors
+    /// Those of reading the film and of [`Comparer::push`]; what the observer returns.
+    pub(super) fn compare(&mut self, film: &KnownFilm<'_>, comparer: &mut Comparer<'_>) -> Result<(), EngineError> {
+        let Self { reader, observer, .. } = self;
+        let total = Some(film.shots.len() as u64);
+        let (mut shots, mut done) = (film.shots.iter(), 0);
+        film.source.for_each(&mut |frame| {
+            done += 1;
+            observer.observe(Progress { stage: "the message beside the original", done, total })?;
+            let Some((camera, time)) = shots.next().copied().flatten() else { return Ok(()) };
+            comparer.push(reader, &Shot { frame: &frame, camera, time })
+        })?;
+        comparer.next_film(reader)
     }
 
     /// Logits of frames in memory `[n, L]`.

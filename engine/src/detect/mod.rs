@@ -2,6 +2,8 @@
 
 mod choice;
 mod clip_reader;
+pub mod compared_message;
+pub mod comparer;
 pub mod controls;
 pub mod exhibit;
 pub mod free_part;
@@ -16,3 +18,4 @@ pub mod suspect;
 pub mod trace;
 pub mod verify;
 pub mod verify_cache;
+mod with_original;

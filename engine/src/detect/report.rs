@@ -4,6 +4,7 @@ use std::num::NonZeroU32;
 
 use serde::Serialize;
 
+use super::compared_message::ComparedMessage;
 use super::exhibit::Exhibit;
 use super::free_part::FreePart;
 use super::owner_chips::ChipsReading;
@@ -32,6 +33,9 @@ pub struct VerifyReport {
     pub verdict: Verdict,
     /// What was read of the message: its own verdict, p-value, negative controls.
     pub evidence: Evidence,
+    /// What the message says beside the original, where that could be compared.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub compared_message: Option<ComparedMessage>,
     /// What the owner's chips say, where they were read.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub owner_chips: Option<ChipsReading>,

@@ -5,10 +5,10 @@ use super::clip_reader::ClipReader;
 use super::controls::Unmarked;
 use super::free_part::FreePart;
 use super::opened::Opened;
-use super::owner_chips::{ChipsReader, ChipsReading, Located, READINGS};
 use super::report::{BitReading, Choices, ClipReading, Undone, VerifyReport};
 use super::request::{VerifyInputs, VerifyRequest};
 use super::suspect::Suspects;
+use super::with_original::{Compared, WithOriginal};
 use crate::base::observer::{Observer, Unobserved};
 use crate::error::EngineError;
 use crate::evidence::claim::Claim;
@@ -19,6 +19,10 @@ use crate::media::ReadOptions;
 use crate::picture::undo_guess::GuessSearch;
 use crate::release::dating::standing::Standing;
 use crate::watermark::extractor::reader::Reader;
+
+/// Readings of a film where there is something to compare it with: of the message alone, of the message beside the
+/// original, and of the owner's chips.
+const READINGS: u32 = 3;
 
 impl VerifyRequest<'_> {
     /// Reads all clips and weighs them. All suspect clips count as one: their frames share their bias.
@@ -60,13 +64,15 @@ impl VerifyRequest<'_> {
         let answer = nearest(&suspects, key.num_bits(), promised, &prf, opened.rule().statistic)?;
         let tried = u32::try_from(guesses.len()).unwrap_or(u32::MAX);
         let claims = self.claims.get().saturating_mul(standing.receipts());
-        let chips = ChipsReader { request: self, opened: &opened, options, claims };
-        let mut owner_chips = chips.read(&inputs.filmed, reader.observer())?;
-        // Whether the second reading comes about depends on the first, so that it counts either way.
-        let may_locate = inputs.filmed.is_empty() && !inputs.locatable.is_empty() && chips.is_promised();
-        let readings = if owner_chips.is_some() || may_locate { READINGS } else { 1 };
+        let with_original = self.with_original(&opened, inputs, options, claims);
+        // Whether the others come about depends on the first, so that all count either way.
+        let readings = if with_original.is_some() { READINGS } else { 1 };
         let chosen = [tried, claims, readings];
         let chosen = chosen.into_iter().fold(extractor.key_rotation.of, u32::saturating_mul);
+        let mut compared = match &with_original {
+            Some(with_original) => with_original.read(&inputs.filmed, &mut reader)?,
+            None => Compared::default(),
+        };
 
         let own = self.cache.own_clips(self.device)?;
         let unmarked = Unmarked { unrelated: &inputs.unrelated, clean: &inputs.clean, own: &own };
@@ -77,22 +83,19 @@ impl VerifyRequest<'_> {
         }
 
         let evidence = self.weigh(&opened, &suspects, &answer, chosen, &controls)?;
-        let mut located = Located::default();
-        if may_locate && evidence.verdict != Verdict::Present {
-            located = chips.locate(&inputs.locatable, reader.observer())?;
-            owner_chips = chips.read(&located.films, reader.observer())?;
+        let may_locate = inputs.filmed.is_empty() && evidence.verdict != Verdict::Present;
+        if let Some(with_original) = with_original.filter(|_| may_locate) {
+            compared = with_original.locate(&inputs.locatable, &mut reader)?;
         }
         let code = promised.id().map(|id| id.code());
         let alone = |clip| ClipReading::of(clip, answer.guess(), &answer.message(), code, &prf);
-        let verdict = match owner_chips {
-            Some(ChipsReading { proves: true, .. }) => Verdict::Present,
-            _ => evidence.verdict,
-        };
+        let verdict = if compared.proves() { Verdict::Present } else { evidence.verdict };
         Ok(VerifyReport {
             verdict,
             evidence,
-            owner_chips,
-            located: located.reports,
+            compared_message: compared.message,
+            owner_chips: compared.chips,
+            located: compared.located,
             commitment: opened.commitment(),
             schema: opened.receipt().schema,
             free_part,
@@ -108,6 +111,18 @@ impl VerifyRequest<'_> {
             promise: opened.receipt().body.promise.clone(),
             exhibits: suspects.into_exhibits(),
         })
+    }
+
+    /// What compares films with the original, where there is one and films that it may be found in.
+    fn with_original<'a>(
+        &'a self,
+        opened: &'a Opened,
+        inputs: &VerifyInputs,
+        options: &'a ReadOptions,
+        claims: u32,
+    ) -> Option<WithOriginal<'a>> {
+        let original = self.original.filter(|_| !(inputs.filmed.is_empty() && inputs.locatable.is_empty()))?;
+        Some(WithOriginal { request: self, opened, original, options, claims: claims.saturating_mul(READINGS) })
     }
 
     /// Judges the answer beside other keys' and the controls; `chosen` is what it was chosen from, but for ids.

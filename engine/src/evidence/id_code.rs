@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::message::{Message, pad};
 use super::reading::Reading;
 use super::statistics::{SoftScoreNull, after_search, match_p_value};
+use super::thresholds::DecisionStatistic;
 use crate::base::prf::Prf;
 use crate::error::EngineError;
 
@@ -294,6 +295,15 @@ pub struct SearchedP {
 }
 
 impl SearchedP {
+    /// The one that decides.
+    #[must_use]
+    pub fn by(&self, statistic: DecisionStatistic) -> f64 {
+        match statistic {
+            DecisionStatistic::Matches => self.matches,
+            DecisionStatistic::SoftScore => self.soft_score,
+        }
+    }
+
     /// For a message that was chosen from `searched` after reading; with 1 these are the exact p-values of a fixed one.
     ///
     /// # Errors

@@ -6,35 +6,21 @@
 
 use guard4d_kernels::{Buffer, Device};
 
-use super::drawing::{BASES, Detail, Drawn, Look, Painter};
-use super::residual::{Difference, background, difference};
+use super::drawing::{BASES, Drawn, Look};
+use super::residual::{Difference, difference};
 use super::seen::{Seen, SplatEvidence};
+use super::shot::Shot;
+use super::studio::{Studio, Taken};
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
-use crate::media::Frame;
-use crate::render::profile::Viewer;
+use crate::scene::Model;
 use crate::scene::gaussians::Y0;
-use crate::scene::{Camera, Model};
 
 /// Pixels whose errors go together: those of a codec's block of 8x8. The best of 1, 4, 16, 32, 64, 128 and 512 on films
 /// through H.264; without a codec none of them is much worse than 1.
 const TOGETHER: f64 = 64.0;
 /// A difference is taken between pictures; small enough that no colour is cut off at 0, large enough for 32-bit floats.
 const PROBE: f64 = 0.02;
-
-/// How much less a film has to differ from one renderer's picture to be taken for its, of that of the likelier one.
-const CLEARLY: f64 = 0.98;
-
-/// A frame of a film, and from where and when it was taken.
-#[derive(Clone, Copy, Debug)]
-pub struct Shot<'a> {
-    /// Its pixels.
-    pub frame: &'a Frame,
-    /// Its camera, of the frame's size.
-    pub camera: Camera,
-    /// Its time, 0 to 1.
-    pub time: f32,
-}
 
 /// A frame as it is kept: what draws it again, and where it counts.
 #[derive(Debug)]
@@ -50,7 +36,7 @@ struct Exposure {
 #[derive(Debug)]
 pub struct Exposures {
     device: Device,
-    painters: Vec<Painter>,
+    studio: Studio,
     offsets: Buffer<f32>,
     exposures: Vec<Exposure>,
     sums: SplatEvidence,
@@ -64,7 +50,7 @@ impl Exposures {
     pub fn new(device: &Device, splats: usize) -> Result<Self, EngineError> {
         Ok(Self {
             device: device.clone(),
-            painters: Vec::new(),
+            studio: Studio::new(device),
             offsets: device.buffer("film.offsets", splats * BASES.floats())?,
             exposures: Vec::new(),
             sums: SplatEvidence::none(splats),
@@ -76,7 +62,11 @@ impl Exposures {
     /// # Errors
     /// [`EngineError::Usage`] for a camera of another size than its frame; when memory runs out or the device fails.
     pub fn add(&mut self, model: &Model, shot: &Shot<'_>, look: Look) -> Result<(), EngineError> {
-        let (drawn, clean) = self.drawn(model, shot, look)?;
+        let taken = self.studio.take(model, shot, look)?;
+        self.add_taken(shot, taken)
+    }
+
+    fn add_taken(&mut self, shot: &Shot<'_>, Taken { drawn, clean }: Taken) -> Result<(), EngineError> {
         let Difference { limited, counted } = difference(shot.frame, &clean);
         // One way back for both: residual in the first channel, where it counts in the second.
         let mut v_picture = vec![0.0; clean.len()];
@@ -86,8 +76,7 @@ impl Exposures {
             self.sums.squares += f64::from(*limited).powi(2);
         }
         let mut v_offsets = self.no_offsets()?;
-        let painter = by(&mut self.painters, look.viewer);
-        painter.back(&drawn, &self.offsets, v_picture, &mut v_offsets)?;
+        self.studio.painter(drawn.look.viewer).back(&drawn, &self.offsets, v_picture, &mut v_offsets)?;
         let rows = v_offsets.read()?;
         let sums = self.sums.residual.iter_mut().zip(&mut self.sums.response);
         for ((residual, response), v) in sums.zip(rows.chunks_exact(BASES.floats())) {
@@ -105,53 +94,8 @@ impl Exposures {
     /// # Errors
     /// As [`add`](Self::add).
     pub fn add_of_film(&mut self, model: &Model, shot: &Shot<'_>, known: &mut Option<Look>) -> Result<(), EngineError> {
-        let look = match *known {
-            Some(look) => look,
-            None => *known.insert(self.look_of(model, shot)?),
-        };
-        self.add(model, shot, look)
-    }
-
-    /// How a film was drawn that this is a frame of: as it is least different from the unmarked asset.
-    ///
-    /// # Errors
-    /// As [`add`](Self::add).
-    fn look_of(&mut self, model: &Model, shot: &Shot<'_>) -> Result<Look, EngineError> {
-        let own = Look::of(model);
-        let look = Look { background: self.background_of(model, shot)?, ..own };
-        let (mut best, mut least) = (look, f64::INFINITY);
-        for viewer in Viewer::ALL {
-            for detail in Detail::ALL {
-                let look = Look { viewer, detail, ..look };
-                let (_, clean) = self.drawn(model, shot, look)?;
-                let squares = difference(shot.frame, &clean).limited.iter().map(|r| f64::from(*r).powi(2)).sum();
-                if squares < CLEARLY * least {
-                    (best, least) = (look, squares);
-                }
-            }
-        }
-        let in_use = |viewer: Viewer| self.exposures.iter().any(|exposure| exposure.drawn.look.viewer == viewer);
-        self.painters.retain(|painter| painter.viewer() == best.viewer || in_use(painter.viewer()));
-        Ok(best)
-    }
-
-    /// What stands behind the asset in a film: the model's own background, unless the film plainly shows another
-    /// colour.
-    fn background_of(&mut self, model: &Model, shot: &Shot<'_>) -> Result<[f32; 3], EngineError> {
-        let (_, clean) = self.drawn(model, shot, Look::of(model))?;
-        Ok(background(shot.frame, &clean, model.background).unwrap_or(model.background))
-    }
-
-    /// What draws a shot, and the unmarked asset in it.
-    fn drawn(&mut self, model: &Model, shot: &Shot<'_>, look: Look) -> Result<(Drawn, Vec<f32>), EngineError> {
-        check_size(shot)?;
-        if !self.painters.iter().any(|painter| painter.viewer() == look.viewer) {
-            self.painters.push(Painter::new(&self.device, model, look.viewer)?);
-        }
-        let painter = by(&mut self.painters, look.viewer);
-        let drawn = painter.plan(&shot.camera, shot.time, look)?;
-        let clean = painter.draw(&drawn, None)?;
-        Ok((drawn, clean))
+        let taken = self.studio.take_of_film(model, shot, known)?;
+        self.add_taken(shot, taken)
     }
 
     fn no_offsets(&self) -> Result<Buffer<f32>, EngineError> {
@@ -172,11 +116,6 @@ impl Exposures {
         self.exposures.clear();
         self.sums = SplatEvidence::none(self.sums.residual.len());
     }
-}
-
-/// The painter of a viewer, who is there since a frame was drawn by it.
-fn by(painters: &mut [Painter], viewer: Viewer) -> &mut Painter {
-    painters.iter_mut().find(|painter| painter.viewer() == viewer).expect("whoever drew a frame is kept")
 }
 
 impl Seen for Exposures {
@@ -203,7 +142,7 @@ impl Seen for Exposures {
         let moved = self.device.buffer_from("film.moved", &rows)?;
         let mut v_offsets = self.no_offsets()?;
         for Exposure { drawn, clean, counted } in &self.exposures {
-            let painter = by(&mut self.painters, drawn.look.viewer);
+            let painter = self.studio.painter(drawn.look.viewer);
             let mut pixels = painter.draw(drawn, Some(&moved))?;
             for ((pixel, clean), counted) in pixels.chunks_exact_mut(4).zip(clean).zip(counted) {
                 let difference = if *counted { pixel[0] - clean } else { 0.0 };
@@ -214,16 +153,4 @@ impl Seen for Exposures {
         let rows = v_offsets.read()?;
         Ok(rows.chunks_exact(BASES.floats()).map(|v| f64::from(v[0]) / (Y0 * scale)).collect())
     }
-}
-
-fn check_size(shot: &Shot<'_>) -> Result<(), EngineError> {
-    let (frame, camera) = (shot.frame, &shot.camera);
-    if [frame.width(), frame.height()] == [camera.width, camera.height] {
-        return Ok(());
-    }
-    Err(EngineError::Usage {
-        what: "camera of a frame".to_owned(),
-        got: format!("{}x{} pixels", camera.width, camera.height),
-        expected: format!("{}x{}, as the frame has", frame.width(), frame.height()),
-    })
 }

@@ -3,6 +3,7 @@
 //! Nothing here knows the owner's mark (`watermark`).
 
 mod align;
+pub mod as_filmed;
 pub mod asset;
 pub mod chips;
 mod cloud;
@@ -18,5 +19,7 @@ mod lowpass;
 pub mod power;
 mod residual;
 pub mod seen;
+pub mod shot;
 pub mod similarity;
+mod studio;
 pub mod trace;

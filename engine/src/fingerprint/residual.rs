@@ -10,6 +10,9 @@ use crate::scene::gaussians::CHANNELS;
 /// Largest difference of a pixel that counts, of 1. Marks are smaller, and codecs make mistakes that are larger: the
 /// best of those tried on films through H.264.
 const LIMIT: f32 = 0.02;
+/// Largest difference of a channel that may be an owner's mark, of 1: what differs by more is something else that both
+/// are shown, such as a logo. Without it films of fruit and robots read as well, and no better.
+const OF_A_MARK: f32 = 0.05;
 /// Levels of an 8-bit channel that was not cut off.
 const BETWEEN: std::ops::RangeInclusive<u8> = 2..=253;
 /// Largest final transmittance of a pixel that shows enough of the asset.
@@ -66,20 +69,59 @@ pub(super) struct Difference {
     pub counted: Vec<bool>,
 }
 
-/// Film minus what the unmarked asset looks like there, after the exposure, contrast and bend that fit each channel
-/// best.
+/// Film minus what the unmarked asset looks like there.
 pub(super) fn difference(frame: &Frame, clean: &[f32]) -> Difference {
+    let counted = counted(frame, clean);
+    let Shown { film, kept } = shown(frame, clean, &counted, LUMA);
+    let pixels = film.iter().zip(kept).zip(&counted);
+    let limited =
+        pixels.map(|((film, kept), counted)| if *counted { (film - kept).clamp(-LIMIT, LIMIT) } else { 0.0 }).collect();
+    Difference { limited, counted }
+}
+
+/// Pixels of the unmarked asset as the film shows them, red, green and blue; the film's own where they cannot be
+/// compared.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a level from 0 to 255")]
+pub(super) fn as_shown(frame: &Frame, clean: &[f32]) -> Vec<u8> {
+    let counted = counted(frame, clean);
+    let mut rgb = frame.rgb().to_vec();
+    for channel in 0..CHANNELS {
+        let weights = std::array::from_fn(|other| if other == channel { 1.0 } else { 0.0 });
+        let Shown { film, kept } = shown(frame, clean, &counted, weights);
+        let levels = film.iter().zip(kept).map(|(film, kept)| film - (film - kept).clamp(-OF_A_MARK, OF_A_MARK));
+        for ((pixel, level), _) in
+            rgb.chunks_exact_mut(CHANNELS).zip(levels).zip(&counted).filter(|(_, counts)| **counts)
+        {
+            pixel[channel] = (255.0 * level.clamp(0.0, 1.0)).round() as u8;
+        }
+    }
+    rgb
+}
+
+/// Where film and asset can be compared.
+fn counted(frame: &Frame, clean: &[f32]) -> Vec<bool> {
     let pixels = frame.rgb().chunks_exact(CHANNELS).zip(clean.chunks_exact(4));
     let counts = |(levels, pixel): (&[u8], &[f32])| {
         levels.iter().all(|level| BETWEEN.contains(level)) && pixel[CHANNELS] <= UNCOVERED
     };
-    let counted: Vec<bool> = pixels.clone().map(counts).collect();
+    pixels.map(counts).collect()
+}
+
+/// A film's frame in one mixture of its channels, and the unmarked asset as the film shows it.
+struct Shown {
+    film: Vec<f32>,
+    kept: Vec<f32>,
+}
+
+/// The unmarked asset after the exposure, contrast and bend that fit each channel best, as a codec kept it.
+fn shown(frame: &Frame, clean: &[f32], counted: &[bool], weights: [f32; CHANNELS]) -> Shown {
+    let pixels = frame.rgb().chunks_exact(CHANNELS).zip(clean.chunks_exact(4));
     let mut pictures = vec![[0.0f32; 2]; counted.len()];
-    for (channel, weight) in LUMA.into_iter().enumerate() {
+    for (channel, weight) in weights.into_iter().enumerate().filter(|(_, weight)| *weight != 0.0) {
         let levels = pixels
             .clone()
             .map(|(levels, pixel)| Level { film: f32::from(levels[channel]) / 255.0, clean: pixel[channel] });
-        let fit = Curve::through(levels.clone().zip(&counted).filter(|(_, counted)| **counted).map(|(level, _)| level));
+        let fit = Curve::through(levels.clone().zip(counted).filter(|(_, counted)| **counted).map(|(level, _)| level));
         for ([film, clean], level) in pictures.iter_mut().zip(levels) {
             *film += weight * level.film;
             *clean += weight * fit.at(level.clean);
@@ -88,18 +130,12 @@ pub(super) fn difference(frame: &Frame, clean: &[f32]) -> Difference {
     // What does not count is as the clean picture, so that no edge of it is taken for detail.
     let (film, clean): (Vec<f32>, Vec<f32>) = pictures
         .iter()
-        .zip(&counted)
+        .zip(counted)
         .map(|([film, clean], counted)| (if *counted { *film } else { *clean }, *clean))
         .unzip();
     let width = frame.width() as usize;
-    let kept = as_kept(&Pictures { film: &film, clean: &clean, counted: &counted, width });
-    let limited = film
-        .iter()
-        .zip(kept)
-        .zip(&counted)
-        .map(|((film, kept), counted)| if *counted { (film - kept).clamp(-LIMIT, LIMIT) } else { 0.0 })
-        .collect();
-    Difference { limited, counted }
+    let kept = as_kept(&Pictures { film: &film, clean: &clean, counted, width });
+    Shown { film, kept }
 }
 
 /// A channel of a pixel.

@@ -7,16 +7,18 @@ use guard4d_engine::base::ledger::Ledger;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::networks::clip::{ClipModel, ClipSource};
-use guard4d_engine::release::delivery::{MARKED, PRIVATE, RECEIPT};
+use guard4d_engine::release::delivery::{EXTRACTOR, MARKED, PRIVATE, RECEIPT};
 use guard4d_engine::release::receipt::Receipt;
 use guard4d_engine::scene::Model;
 use guard4d_engine::scene::camera::classes::CameraClass;
+use guard4d_engine::watermark::extractor::reader::Reader;
+use guard4d_engine::watermark::extractor::weights::ExtractorWeights;
 use guard4d_engine::watermark::key::owner_key::Key;
 
 use super::host::Host;
 use crate::tracing::film::{Edit, FILMS, Film};
 use crate::tracing::filmed::Size;
-use crate::tracing::owner::{self, ChipsRow, Delivered};
+use crate::tracing::owner::{self, ChipsRow, Delivered, Reading};
 
 /// What was embedded, and where readings go.
 #[derive(Args, Debug)]
@@ -46,7 +48,9 @@ pub(super) fn run(args: &ChipsArgs, host: &dyn Host) -> Result<(), EngineError> 
     let device = host.open()?;
     let mut table: Ledger<ChipsRow> = Ledger::open(&args.out)?;
     let path = args.delivered.join(PRIVATE).join(RECEIPT);
-    let promise = Receipt::read(&path)?.body.promise;
+    let receipt = Receipt::read(&path)?;
+    let views = receipt.config(&path)?.views;
+    let promise = receipt.body.promise;
     let clip = ClipModel::load(&device, &ClipSource::Mini)?;
     let key = promise.key_for(&Key::read(&args.key, &clip)?)?;
     let chips = promise.owner_chips.ok_or_else(|| EngineError::BadData {
@@ -63,6 +67,9 @@ pub(super) fn run(args: &ChipsArgs, host: &dyn Host) -> Result<(), EngineError> 
     let issue = Issue::of_owner(&original, key.prf(), chips.strength);
     let asset = args.original.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let folder = tempfile::tempdir().map_err(|source| EngineError::Io { path: std::env::temp_dir(), source })?;
+    let weights = ExtractorWeights::read(&args.delivered.join(PRIVATE).join(EXTRACTOR), &key)?;
+    let mut reader = Reader::new(&device, &clip, &key, &weights)?;
+    let mut reading = Reading { reader: &mut reader, views: &views, message: key.own_message() };
     let delivered = Delivered { issue: &issue, marked: &marked };
     for (film, frames) in films(args.frames) {
         if host.is_stopped() {
@@ -72,8 +79,10 @@ pub(super) fn run(args: &ChipsArgs, host: &dyn Host) -> Result<(), EngineError> 
         if table.newest(is_known).is_some() {
             continue;
         }
-        let row = owner::read(&device, &delivered, film, Size { frames, side_px: args.side }, folder.path())?;
-        host.note(&format!("{asset} {} of {frames}: T {:.1}, 10^{:.1}", film.name, row.t, row.log10_p));
+        let size = Size { frames, side_px: args.side };
+        let row = owner::read(&device, &delivered, &mut reading, film, size, folder.path())?;
+        let ChipsRow { t, alone, beside, bits, .. } = row;
+        host.note(&format!("{asset} {} of {frames}: T {t:.1}, {alone} of {bits} alone, {beside} beside", film.name));
         table.append(vec![ChipsRow { asset: asset.clone(), ..row }])?;
     }
     let rows = table.rows().len();

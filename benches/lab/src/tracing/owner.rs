@@ -1,14 +1,22 @@
-//! How well the owner's chips are read: a delivered asset, filmed from each class of cameras, by the key and by others.
+//! How well an owner's marks are read: a delivered asset, filmed from each class of cameras. The chips by the key and
+//! by others; the message by itself, and beside the original.
 
 use std::path::Path;
 use std::time::Instant;
 
 use guard4d_engine::base::prf::{MasterSecret, Prf};
+use guard4d_engine::detect::comparer::Comparer;
 use guard4d_engine::error::EngineError;
+use guard4d_engine::evidence;
+use guard4d_engine::evidence::id_code::SearchedP;
+use guard4d_engine::evidence::message::Message;
 use guard4d_engine::fingerprint::code::{Code, SharedScore};
 use guard4d_engine::fingerprint::estimate::estimate;
 use guard4d_engine::fingerprint::issue::Issue;
+use guard4d_engine::fingerprint::shot::Shot;
 use guard4d_engine::scene::Model;
+use guard4d_engine::watermark::embed::TrainingViews;
+use guard4d_engine::watermark::extractor::reader::Reader;
 use guard4d_kernels::Device;
 use serde::{Deserialize, Serialize};
 
@@ -52,6 +60,29 @@ pub struct ChipsRow {
     pub bound_3: f64,
     /// To gather, estimate and score, seconds.
     pub seconds: f64,
+    /// Bits of the message.
+    pub bits: u32,
+    /// Bits right in the film by itself.
+    pub alone: u32,
+    /// Their p-value by the soft score.
+    pub alone_p: f64,
+    /// Bits right beside the original.
+    pub beside: u32,
+    /// Their p-value by the soft score.
+    pub beside_p: f64,
+    /// To compare, and to read that, seconds.
+    pub beside_seconds: f64,
+}
+
+/// What reads the message.
+#[derive(Debug)]
+pub struct Reading<'a> {
+    /// The extractor.
+    pub reader: &'a mut Reader,
+    /// How training looked at the asset.
+    pub views: &'a TrainingViews,
+    /// What was embedded.
+    pub message: Message,
 }
 
 /// An asset as it was handed out.
@@ -63,13 +94,14 @@ pub struct Delivered<'a> {
     pub marked: &'a Model,
 }
 
-/// Films an asset, and reads its chips.
+/// Films an asset, and reads its marks.
 ///
 /// # Errors
 /// When the device or ffmpeg fails.
 pub fn read(
     device: &Device,
     delivered: &Delivered<'_>,
+    reading: &mut Reading<'_>,
     film: Film,
     size: Size,
     folder: &Path,
@@ -79,7 +111,33 @@ pub fn read(
     let spoilt = spoil(device, &film, &filmed.frames, &filmed.shots, folder)?;
     let row =
         ChipsRow { film: film.name.to_owned(), frames: size.frames, psnr_db: filmed.psnr_db, ..ChipsRow::default() };
+    let row = message(device, issue.model(), &spoilt, reading, row)?;
     score(device, issue, &spoilt, row)
+}
+
+/// The message by itself, and beside the original.
+fn message(
+    device: &Device,
+    original: &Model,
+    spoilt: &Spoilt,
+    reading: &mut Reading<'_>,
+    row: ChipsRow,
+) -> Result<ChipsRow, EngineError> {
+    let Reading { reader, views, message } = reading;
+    let bits = message.num_bits();
+    let said = |logits: &[f32]| {
+        let read = evidence::reading::Reading::from_logits(logits, bits)?;
+        Ok::<_, EngineError>((read.matches(message)?, SearchedP::of(&read, message, 1)?.soft_score))
+    };
+    let (alone, alone_p) = said(&reader.logits(&spoilt.frames)?)?;
+    let started = Instant::now();
+    let mut comparer = Comparer::new(device, original, views)?;
+    for (frame, &(camera, time)) in spoilt.frames.iter().zip(&spoilt.shots) {
+        comparer.push(reader, &Shot { frame, camera, time })?;
+    }
+    comparer.next_film(reader)?;
+    let (beside, beside_p) = said(&comparer.into_logits())?;
+    Ok(ChipsRow { bits, alone, alone_p, beside, beside_p, beside_seconds: started.elapsed().as_secs_f64(), ..row })
 }
 
 fn score(device: &Device, issue: &Issue<'_>, spoilt: &Spoilt, row: ChipsRow) -> Result<ChipsRow, EngineError> {

@@ -1,0 +1,119 @@
+//! What draws the original as a film shows it: by the film's renderer, as finely, on its background.
+
+use guard4d_kernels::Device;
+
+use super::drawing::{Detail, Drawn, Look, Painter};
+use super::residual::{background, difference};
+use super::shot::Shot;
+use crate::error::EngineError;
+use crate::render::profile::Viewer;
+use crate::scene::Model;
+
+/// How much less a film has to differ from one renderer's picture to be taken for its, of that of the likelier one.
+const CLEARLY: f64 = 0.98;
+/// Least share of a frame that has to count, for the frame to tell how its film was drawn: a part of an asset that
+/// comes into view looks as if it were drawn by anybody.
+const TELLING: f64 = 0.02;
+
+/// The original in a shot.
+#[derive(Debug)]
+pub(super) struct Taken {
+    /// What draws it again.
+    pub drawn: Drawn,
+    /// `[H, W, 4]`; the last channel is the final transmittance.
+    pub clean: Vec<f32>,
+}
+
+/// Everybody who draws the original.
+#[derive(Debug)]
+pub(super) struct Studio {
+    device: Device,
+    painters: Vec<Painter>,
+    /// Whose pictures films turned out to be.
+    told: Vec<Viewer>,
+}
+
+impl Studio {
+    pub(super) fn new(device: &Device) -> Self {
+        Self { device: device.clone(), painters: Vec::new(), told: Vec::new() }
+    }
+
+    /// The original in a shot of a film, drawn as `known` says or, where nothing is known yet, as the shot tells.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for a camera of another size than its frame; when memory runs out or the device fails.
+    pub(super) fn take_of_film(
+        &mut self,
+        model: &Model,
+        shot: &Shot<'_>,
+        known: &mut Option<Look>,
+    ) -> Result<Taken, EngineError> {
+        if known.is_none() {
+            *known = self.look_of(model, shot)?;
+        }
+        self.take(model, shot, known.unwrap_or(Look::of(model)))
+    }
+
+    /// The original in a shot, drawn like that.
+    ///
+    /// # Errors
+    /// As [`take_of_film`](Self::take_of_film).
+    pub(super) fn take(&mut self, model: &Model, shot: &Shot<'_>, look: Look) -> Result<Taken, EngineError> {
+        check_size(shot)?;
+        if !self.painters.iter().any(|painter| painter.viewer() == look.viewer) {
+            self.painters.push(Painter::new(&self.device, model, look.viewer)?);
+        }
+        let painter = self.painter(look.viewer);
+        let drawn = painter.plan(&shot.camera, shot.time, look)?;
+        let clean = painter.draw(&drawn, None)?;
+        Ok(Taken { drawn, clean })
+    }
+
+    /// Who draws as this viewer does.
+    ///
+    /// # Panics
+    /// Unless a shot was taken so.
+    pub(super) fn painter(&mut self, viewer: Viewer) -> &mut Painter {
+        let painter = self.painters.iter_mut().find(|painter| painter.viewer() == viewer);
+        painter.expect("whoever drew a frame is kept")
+    }
+
+    /// How a film was drawn that this is a frame of: as it is least different from the unmarked asset. None where too
+    /// little of that is in the frame.
+    fn look_of(&mut self, model: &Model, shot: &Shot<'_>) -> Result<Option<Look>, EngineError> {
+        let own = Look::of(model);
+        let Taken { clean, .. } = self.take(model, shot, own)?;
+        let counted = difference(shot.frame, &clean).counted;
+        if (counted.iter().filter(|counted| **counted).count() as f64) < TELLING * counted.len() as f64 {
+            return Ok(None);
+        }
+        // The model's own background, unless the film plainly shows another colour.
+        let look = Look { background: background(shot.frame, &clean, own.background).unwrap_or(own.background), ..own };
+        let (mut best, mut least) = (look, f64::INFINITY);
+        for viewer in Viewer::ALL {
+            for detail in Detail::ALL {
+                let look = Look { viewer, detail, ..look };
+                let Taken { clean, .. } = self.take(model, shot, look)?;
+                let squares = difference(shot.frame, &clean).limited.iter().map(|r| f64::from(*r).powi(2)).sum();
+                if squares < CLEARLY * least {
+                    (best, least) = (look, squares);
+                }
+            }
+        }
+        self.told.extend([own.viewer, best.viewer]);
+        self.painters.retain(|painter| self.told.contains(&painter.viewer()));
+        Ok(Some(best))
+    }
+}
+
+fn check_size(shot: &Shot<'_>) -> Result<(), EngineError> {
+    let (frame, camera) = (shot.frame, &shot.camera);
+    if [frame.width(), frame.height()] == [camera.width, camera.height] {
+        return Ok(());
+    }
+    Err(EngineError::Usage {
+        what: "camera of a frame".to_owned(),
+        got: format!("{}x{} pixels", camera.width, camera.height),
+        expected: format!("{}x{}, as the frame has", frame.width(), frame.height()),
+    })
+}
