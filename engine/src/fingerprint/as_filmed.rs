@@ -1,5 +1,5 @@
-//! The original as a film would show it: from the film's camera, drawn as the film was, in its levels, and as blurred
-//! as its codec left it. What else a frame shows, the original does not.
+//! The original as a film would show it: from the film's camera, drawn as the film was, in its levels. What cannot be
+//! compared, and what a mark cannot be, is the film's own.
 
 use guard4d_kernels::Device;
 

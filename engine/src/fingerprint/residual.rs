@@ -13,6 +13,8 @@ const LIMIT: f32 = 0.02;
 /// Largest difference of a channel that may be an owner's mark, of 1: what differs by more is something else that both
 /// are shown, such as a logo. Without it films of fruit and robots read as well, and no better.
 const OF_A_MARK: f32 = 0.05;
+/// How far black or white has to be moved, of 1, for a film to have levels of its own.
+const OTHER_LEVELS: f64 = 0.06;
 /// Levels of an 8-bit channel that was not cut off.
 const BETWEEN: std::ops::RangeInclusive<u8> = 2..=253;
 /// Largest final transmittance of a pixel that shows enough of the asset.
@@ -69,13 +71,33 @@ pub(super) struct Difference {
     pub counted: Vec<bool>,
 }
 
-/// Film minus what the unmarked asset looks like there.
+/// Film minus what the unmarked asset looks like there, after the exposure, contrast and bend that fit each channel
+/// best.
 pub(super) fn difference(frame: &Frame, clean: &[f32]) -> Difference {
     let counted = counted(frame, clean);
-    let Shown { film, kept } = shown(frame, clean, &counted, LUMA);
-    let pixels = film.iter().zip(kept).zip(&counted);
-    let limited =
-        pixels.map(|((film, kept), counted)| if *counted { (film - kept).clamp(-LIMIT, LIMIT) } else { 0.0 }).collect();
+    let mut pictures = vec![[0.0f32; 2]; counted.len()];
+    for (channel, weight) in LUMA.into_iter().enumerate() {
+        let levels = levels(frame, clean, channel);
+        let fit = Curve::through(levels.clone().zip(&counted).filter(|(_, counted)| **counted).map(|(level, _)| level));
+        for ([film, clean], level) in pictures.iter_mut().zip(levels) {
+            *film += weight * level.film;
+            *clean += weight * fit.at(level.clean);
+        }
+    }
+    // What does not count is as the clean picture, so that no edge of it is taken for detail.
+    let (film, clean): (Vec<f32>, Vec<f32>) = pictures
+        .iter()
+        .zip(&counted)
+        .map(|([film, clean], counted)| (if *counted { *film } else { *clean }, *clean))
+        .unzip();
+    let width = frame.width() as usize;
+    let kept = as_kept(&Pictures { film: &film, clean: &clean, counted: &counted, width });
+    let limited = film
+        .iter()
+        .zip(kept)
+        .zip(&counted)
+        .map(|((film, kept), counted)| if *counted { (film - kept).clamp(-LIMIT, LIMIT) } else { 0.0 })
+        .collect();
     Difference { limited, counted }
 }
 
@@ -84,14 +106,13 @@ pub(super) fn difference(frame: &Frame, clean: &[f32]) -> Difference {
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a level from 0 to 255")]
 pub(super) fn as_shown(frame: &Frame, clean: &[f32]) -> Vec<u8> {
     let counted = counted(frame, clean);
+    let compared = (0..CHANNELS).flat_map(|channel| levels(frame, clean, channel).zip(&counted));
+    let fit = Line::through(compared.filter(|(_, counted)| **counted).map(|(level, _)| level)).unless_as_it_is();
     let mut rgb = frame.rgb().to_vec();
     for channel in 0..CHANNELS {
-        let weights = std::array::from_fn(|other| if other == channel { 1.0 } else { 0.0 });
-        let Shown { film, kept } = shown(frame, clean, &counted, weights);
-        let levels = film.iter().zip(kept).map(|(film, kept)| film - (film - kept).clamp(-OF_A_MARK, OF_A_MARK));
-        for ((pixel, level), _) in
-            rgb.chunks_exact_mut(CHANNELS).zip(levels).zip(&counted).filter(|(_, counts)| **counts)
-        {
+        let pixels = rgb.chunks_exact_mut(CHANNELS).zip(levels(frame, clean, channel)).zip(&counted);
+        for ((pixel, Level { film, clean }), _) in pixels.filter(|(_, counted)| **counted) {
+            let level = film - (film - fit.at(clean)).clamp(-OF_A_MARK, OF_A_MARK);
             pixel[channel] = (255.0 * level.clamp(0.0, 1.0)).round() as u8;
         }
     }
@@ -107,35 +128,10 @@ fn counted(frame: &Frame, clean: &[f32]) -> Vec<bool> {
     pixels.map(counts).collect()
 }
 
-/// A film's frame in one mixture of its channels, and the unmarked asset as the film shows it.
-struct Shown {
-    film: Vec<f32>,
-    kept: Vec<f32>,
-}
-
-/// The unmarked asset after the exposure, contrast and bend that fit each channel best, as a codec kept it.
-fn shown(frame: &Frame, clean: &[f32], counted: &[bool], weights: [f32; CHANNELS]) -> Shown {
+/// A channel of all pixels.
+fn levels<'a>(frame: &'a Frame, clean: &'a [f32], channel: usize) -> impl Iterator<Item = Level> + Clone + use<'a> {
     let pixels = frame.rgb().chunks_exact(CHANNELS).zip(clean.chunks_exact(4));
-    let mut pictures = vec![[0.0f32; 2]; counted.len()];
-    for (channel, weight) in weights.into_iter().enumerate().filter(|(_, weight)| *weight != 0.0) {
-        let levels = pixels
-            .clone()
-            .map(|(levels, pixel)| Level { film: f32::from(levels[channel]) / 255.0, clean: pixel[channel] });
-        let fit = Curve::through(levels.clone().zip(counted).filter(|(_, counted)| **counted).map(|(level, _)| level));
-        for ([film, clean], level) in pictures.iter_mut().zip(levels) {
-            *film += weight * level.film;
-            *clean += weight * fit.at(level.clean);
-        }
-    }
-    // What does not count is as the clean picture, so that no edge of it is taken for detail.
-    let (film, clean): (Vec<f32>, Vec<f32>) = pictures
-        .iter()
-        .zip(counted)
-        .map(|([film, clean], counted)| (if *counted { *film } else { *clean }, *clean))
-        .unzip();
-    let width = frame.width() as usize;
-    let kept = as_kept(&Pictures { film: &film, clean: &clean, counted, width });
-    Shown { film, kept }
+    pixels.map(move |(levels, pixel)| Level { film: f32::from(levels[channel]) / 255.0, clean: pixel[channel] })
 }
 
 /// A channel of a pixel.
@@ -174,6 +170,12 @@ impl Line {
 
     fn at(&self, clean: f32) -> f32 {
         narrow(self.slope * f64::from(clean) + self.start)
+    }
+
+    /// Film = clean, unless levels are plainly others: a mark moves them a little, too, and is not to be taken for it.
+    fn unless_as_it_is(self) -> Self {
+        let at_ends = [self.start, self.slope + self.start - 1.0];
+        if at_ends.iter().any(|off| off.abs() > OTHER_LEVELS) { self } else { Self { slope: 1.0, start: 0.0 } }
     }
 }
 
