@@ -77,7 +77,11 @@ fn through_h264(path: &Path, frames: &[Frame]) -> Vec<Frame> {
 
 /// What the films of all sides say, each by itself and all together.
 fn read(reader: &mut Reader, films: &[Vec<Frame>]) -> (Vec<Reading>, Reading) {
-    let logits: Vec<_> = films.iter().map(|film| reader.logits(film).expect("reads")).collect();
+    readings(&films.iter().map(|film| reader.logits(film).expect("reads")).collect::<Vec<_>>())
+}
+
+/// What the logits of films say, each by itself and all together.
+fn readings(logits: &[Vec<f32>]) -> (Vec<Reading>, Reading) {
     let of = |logits: &[f32]| Reading::from_logits(logits, BITS).expect("finite logits");
     (logits.iter().map(|film| of(film)).collect(), of(&logits.concat()))
 }
@@ -107,8 +111,7 @@ fn compare(
         comparer.next_film(reader).expect("compares");
         logits.push(comparer.into_logits());
     }
-    let of = |logits: &[f32]| Reading::from_logits(logits, BITS).expect("finite logits");
-    (logits.iter().map(|film| of(film)).collect(), of(&logits.concat()))
+    readings(&logits)
 }
 
 /// Those of a short embedding.

@@ -10,7 +10,6 @@ use super::exhibit::{Album, Exhibit};
 use super::gathered::KnownFilm;
 use crate::base::observer::{Observer, Progress};
 use crate::error::EngineError;
-use crate::fingerprint::shot::Shot;
 use crate::media::framing::{Framing, Rect};
 use crate::media::{Frame, FrameSource, Integrity, ReadOptions};
 use crate::picture::known_cameras::KnownCameras;
@@ -110,16 +109,15 @@ impl<'a> ClipReader<'a> {
     /// Compares the frames of a film whose cameras are known.
     ///
     /// # Errors
-    /// Those of reading the film and of [`Comparer::push`]; what the observer returns.
+    /// Those of [`KnownFilm::for_each_shot`] and of [`Comparer::push`]; what the observer returns.
     pub(super) fn compare(&mut self, film: &KnownFilm<'_>, comparer: &mut Comparer<'_>) -> Result<(), EngineError> {
         let Self { reader, observer, .. } = self;
         let total = Some(film.shots.len() as u64);
-        let (mut shots, mut done) = (film.shots.iter(), 0);
-        film.source.for_each(&mut |frame| {
+        let mut done = 0;
+        film.for_each_shot(&mut |shot| {
             done += 1;
             observer.observe(Progress { stage: "the message beside the original", done, total })?;
-            let Some((camera, time)) = shots.next().copied().flatten() else { return Ok(()) };
-            comparer.push(reader, &Shot { frame: &frame, camera, time })
+            shot.map_or(Ok(()), |shot| comparer.push(reader, shot))
         })?;
         comparer.next_film(reader)
     }

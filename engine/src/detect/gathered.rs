@@ -120,6 +120,26 @@ impl<'a> KnownFilm<'a> {
         Ok(Self { path, source, shots })
     }
 
+    /// Goes through the film's frames; none where a frame's camera is not known.
+    ///
+    /// # Errors
+    /// [`EngineError::Usage`] for more or fewer cameras than frames; those of reading and of `each`.
+    pub(super) fn for_each_shot(
+        &self,
+        each: &mut dyn FnMut(Option<&Shot<'_>>) -> Result<(), EngineError>,
+    ) -> Result<(), EngineError> {
+        if let Some(expected) = self.source.expected_frames().filter(|n| *n != self.shots.len() as u64) {
+            return Err(self.wrong_number(&expected.to_string()));
+        }
+        let mut shots = self.shots.iter();
+        self.source.for_each(&mut |frame: Frame| {
+            let shot = shots.next().ok_or_else(|| self.wrong_number("more"))?;
+            let shot = shot.map(|(camera, time)| Shot { frame: &frame, camera, time });
+            each(shot.as_ref())
+        })?;
+        if shots.len() > 0 { Err(self.wrong_number("fewer")) } else { Ok(()) }
+    }
+
     fn wrong_number(&self, frames: &str) -> EngineError {
         EngineError::Usage {
             what: format!("cameras of {}", self.path.display()),
@@ -143,25 +163,17 @@ pub fn gather(
     let mut all = Parts { chips: vec![0.0; issue.code().positions().len()], noise: 0.0, count: 0 };
     let (mut frames, mut looks) = (0, Vec::new());
     for film in films {
-        if let Some(expected) = film.source.expected_frames().filter(|n| *n != film.shots.len() as u64) {
-            return Err(film.wrong_number(&expected.to_string()));
-        }
-        let mut shots = film.shots.iter();
         let mut look = None;
-        film.source.for_each(&mut |frame: Frame| {
+        film.for_each_shot(&mut |shot| {
             each()?;
-            let shot = shots.next().ok_or_else(|| film.wrong_number("more"))?;
-            let Some((camera, time)) = *shot else { return Ok(()) };
+            let Some(shot) = shot else { return Ok(()) };
             frames += 1;
             if exposures.pixels() > PIXELS_AT_ONCE {
                 all.add(issue, &mut exposures)?;
                 exposures.clear();
             }
-            exposures.add_of_film(issue.model(), &Shot { frame: &frame, camera, time }, &mut look)
+            exposures.add_of_film(issue.model(), shot, &mut look)
         })?;
-        if shots.len() > 0 {
-            return Err(film.wrong_number("fewer"));
-        }
         looks.extend(look.map(DrawnAs::of));
     }
     all.add(issue, &mut exposures)?;

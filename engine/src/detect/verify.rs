@@ -113,7 +113,7 @@ impl VerifyRequest<'_> {
         })
     }
 
-    /// What compares films with the original, where there is one and films that it may be found in.
+    /// What compares films with the original, where there is one, films that it may be found in, and something to read.
     fn with_original<'a>(
         &'a self,
         opened: &'a Opened,
@@ -122,7 +122,13 @@ impl VerifyRequest<'_> {
         claims: u32,
     ) -> Option<WithOriginal<'a>> {
         let original = self.original.filter(|_| !(inputs.filmed.is_empty() && inputs.locatable.is_empty()))?;
-        Some(WithOriginal { request: self, opened, original, options, claims: claims.saturating_mul(READINGS) })
+        // What the owner gives away of a receipt may be without its settings; and a joint extractor proves nothing.
+        let config = opened.receipt().config(self.receipt).ok();
+        let views = config.filter(|_| opened.extractor().mode.is_message_blind()).map(|config| config.views);
+        let chips = opened.receipt().body.promise.owner_chips;
+        let claims = claims.saturating_mul(READINGS);
+        let with_original = WithOriginal { request: self, opened, original, options, claims, views, chips };
+        Some(with_original).filter(WithOriginal::has_anything_to_read)
     }
 
     /// Judges the answer beside other keys' and the controls; `chosen` is what it was chosen from, but for ids.

@@ -21,7 +21,9 @@ use crate::fingerprint::issue::Issue;
 use crate::locate::finding::{DEFAULT_FRAMES, Finding, LocateReport, Locating};
 use crate::media::framing::Framing;
 use crate::media::{FrameSource, ReadOptions};
+use crate::release::receipt::OwnerChips;
 use crate::scene::Model;
+use crate::watermark::embed::TrainingViews;
 
 /// Both readings beside the first.
 #[derive(Debug, Default)]
@@ -48,9 +50,18 @@ pub(super) struct WithOriginal<'a> {
     pub(super) options: &'a ReadOptions,
     /// What the claim was chosen from: claims, and readings of this film.
     pub(super) claims: u32,
+    /// How training looked at the asset, where the receipt says it and the message may prove something.
+    pub(super) views: Option<TrainingViews>,
+    /// The owner's chips, where they were written.
+    pub(super) chips: Option<OwnerChips>,
 }
 
 impl WithOriginal<'_> {
+    /// Whether films say anything once their cameras are known.
+    pub(super) fn has_anything_to_read(&self) -> bool {
+        self.views.is_some() || self.chips.is_some()
+    }
+
     /// Looks for the cameras of films, and compares those in which the original was found.
     ///
     /// # Errors
@@ -89,18 +100,16 @@ impl WithOriginal<'_> {
         })
     }
 
-    /// The message; none where the receipt does not say how training looked at the asset, or no frame's camera is
-    /// known.
+    /// The message; none where it is not known how training looked at the asset, or no frame's camera is.
     fn message(
         &self,
         films: &[KnownFilm<'_>],
         reader: &mut ClipReader<'_>,
     ) -> Result<Option<ComparedMessage>, EngineError> {
-        let Self { request, opened, original, claims, .. } = *self;
+        let Self { request, opened, original, claims, ref views, .. } = *self;
+        let Some(views) = views else { return Ok(None) };
         let chosen = claims.saturating_mul(opened.extractor().key_rotation.of);
-        // What the owner gives away of a receipt may be without its settings.
-        let Ok(config) = opened.receipt().config(request.receipt) else { return Ok(None) };
-        let mut comparer = Comparer::new(request.device, original, &config.views)?;
+        let mut comparer = Comparer::new(request.device, original, views)?;
         for film in films {
             reader.compare(film, &mut comparer)?;
         }
@@ -115,9 +124,9 @@ impl WithOriginal<'_> {
         let frames = answer.reading().num_frames();
         let id = answer.id_evidence(promised, chosen, opened.extractor().mode).map(|id| id.found.id);
         let rule = opened.rule();
-        let is_free = opened.extractor().mode.is_message_blind() && opened.objections().is_empty();
-        let proves =
-            is_free && frames >= rule.min_frames && p_value.by(rule.statistic) * f64::from(rule.num_claims) <= rule.fpr;
+        let proves = opened.objections().is_empty()
+            && frames >= rule.min_frames
+            && p_value.by(rule.statistic) * f64::from(rule.num_claims) <= rule.fpr;
         let matches = answer.reading().matches(&answer.message())?;
         let num_bits = answer.message().num_bits();
         Ok(Some(ComparedMessage { matches, num_bits, frames, id, p_value, proves }))
@@ -125,8 +134,8 @@ impl WithOriginal<'_> {
 
     /// The owner's chips; none where none were written.
     fn chips(&self, films: &[KnownFilm<'_>], observer: &mut dyn Observer) -> Result<Option<ChipsReading>, EngineError> {
-        let Self { request, opened, original, claims, .. } = *self;
-        let Some(chips) = opened.receipt().body.promise.owner_chips else { return Ok(None) };
+        let Self { request, opened, original, claims, chips, .. } = *self;
+        let Some(chips) = chips else { return Ok(None) };
         let issue = Issue::of_owner(original, request.key.prf(), chips.strength);
         let total = Some(films.iter().map(|film| film.shots.len() as u64).sum());
         let mut done = 0;

@@ -120,7 +120,7 @@ pub(super) fn as_shown(frame: &Frame, clean: &[f32]) -> Vec<u8> {
 }
 
 /// Where film and asset can be compared.
-fn counted(frame: &Frame, clean: &[f32]) -> Vec<bool> {
+pub(super) fn counted(frame: &Frame, clean: &[f32]) -> Vec<bool> {
     let pixels = frame.rgb().chunks_exact(CHANNELS).zip(clean.chunks_exact(4));
     let counts = |(levels, pixel): (&[u8], &[f32])| {
         levels.iter().all(|level| BETWEEN.contains(level)) && pixel[CHANNELS] <= UNCOVERED

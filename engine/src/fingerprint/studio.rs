@@ -3,7 +3,7 @@
 use guard4d_kernels::Device;
 
 use super::drawing::{Detail, Drawn, Look, Painter};
-use super::residual::{background, difference};
+use super::residual::{background, counted, difference};
 use super::shot::Shot;
 use crate::error::EngineError;
 use crate::render::profile::Viewer;
@@ -83,7 +83,7 @@ impl Studio {
     fn look_of(&mut self, model: &Model, shot: &Shot<'_>) -> Result<Option<Look>, EngineError> {
         let own = Look::of(model);
         let Taken { clean, .. } = self.take(model, shot, own)?;
-        let counted = difference(shot.frame, &clean).counted;
+        let counted = counted(shot.frame, &clean);
         if (counted.iter().filter(|counted| **counted).count() as f64) < TELLING * counted.len() as f64 {
             return Ok(None);
         }
