@@ -1,7 +1,7 @@
 //! What a frame shows is found without a prior.
 
 use glam::DVec3;
-use guard4d_engine::locate::bank::Bank;
+use guard4d_engine::locate::bank::{Bank, Edges};
 use guard4d_engine::locate::pose::Pose;
 use guard4d_engine::locate::stage::{Canvas, Stage};
 use guard4d_engine::scene::demo::DemoScene;
@@ -19,7 +19,7 @@ fn a_frame_is_found_among_small_pictures_at_any_size_and_place() {
     let turn = glam::DQuat::from_rotation_x(2.2) * glam::DQuat::from_rotation_z(0.9);
     let truth = Pose { turn, shift: [0.15, -0.1], size: -1.6, lens: 0.2, time: 0.3 };
     let frame = stage.draw(&truth, Canvas::fine(FrameSize::new(160, 90).expect("a size"))).expect("draws").picture;
-    let guesses = bank.guesses(&frame, 10);
+    let guesses = bank.guesses(&frame, Edges::AsTheyAre, 10);
     let axis = |pose: &Pose| pose.turn.inverse() * DVec3::Z;
     // Pictures are 15 degrees apart, and at 24 pixels a neighbour may look as like; size within a step, place
     // within a pixel.

@@ -86,7 +86,7 @@ fn what_was_not_found_is_a_guess_in_all_frames() {
         frames: vec![None, None],
         shots: std::iter::once(0..2).collect(),
         is_mirrored: false,
-        guess: Some(fit(0.2, 0.1).pose),
+        guess: Some(fit(0.2, 0.1)),
     };
     let set = cameras(&track, &reading(2, 1, WHOLE));
     assert!(set.film().iter().all(Option::is_none) && !track.is_found());

@@ -1,6 +1,6 @@
 //! Pictures are made smaller by what they cover, and compared by how they change.
 
-use guard4d_engine::locate::gray::{Gray, correlation};
+use guard4d_engine::locate::gray::{Gray, correlation, correlation_where};
 use guard4d_engine::media::Frame;
 
 fn ramp(width: usize, height: usize) -> Gray {
@@ -35,4 +35,25 @@ fn likeness_is_of_changes() {
     assert_eq!(correlation(&picture, &flat), 0.0, "nothing to compare");
     assert_eq!(ramp(4, 3).slope()[0][5], 1.0);
     assert_eq!(ramp(4, 3).slope()[1][5], 10.0);
+}
+
+#[test]
+fn likeness_of_a_part_does_not_see_the_rest() {
+    let picture = Gray { width: 4, height: 1, values: vec![0.1, 0.9, 0.3, 0.3] };
+    let with_logo = Gray { values: vec![0.1, 0.9, 0.3, -5.0], ..picture.clone() };
+    assert!(correlation(&picture, &with_logo) < 0.3, "the whole sees it");
+    // Sums of a few 32-bit numbers.
+    assert!((correlation_where(&picture, &with_logo, |at| at < 2) - 1.0).abs() < 1e-6);
+    assert_eq!(correlation_where(&picture, &with_logo, |_| false), 0.0, "nothing counts");
+}
+
+#[test]
+fn the_least_nearby_spreads_right_left_up_and_down() {
+    let mut picture = ramp(5, 4);
+    picture.values.fill(1.0);
+    picture.values[5 + 2] = 0.0;
+    let near = picture.least_within(1);
+    let low: Vec<usize> = (0..20).filter(|at| near.values[*at] == 0.0).collect();
+    assert_eq!(low, [1, 2, 3, 6, 7, 8, 11, 12, 13]);
+    assert_eq!(picture.least_within(9).values, [0.0; 20], "beyond all borders");
 }

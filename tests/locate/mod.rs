@@ -3,6 +3,7 @@
 mod align;
 mod bank;
 mod cameras;
+mod film;
 mod gray;
 mod pose;
 mod shots;

@@ -3,9 +3,9 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::gray::{Gray, correlation};
+use super::gray::{Gray, correlation_where};
 use super::pose::{LENS, PARAMETERS, Pose, TIME};
-use super::stage::{COVERED, Canvas, Drawn, MOMENTS, Stage};
+use super::stage::{Canvas, Drawn, MOMENTS, Stage, is_seen};
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::scene::FrameSize;
@@ -23,6 +23,8 @@ const REFUSED: usize = 3;
 const STILL_PX: f64 = 0.01;
 /// The same of steps that cost many pictures: a fifth of what is asked of cameras by the best of them.
 const STILL_EXACT_PX: f64 = 0.03;
+/// Pixels of the asset under which what is alike may be by chance.
+const LEAST_SEEN: f64 = 150.0;
 /// How far parameters are moved to see what they do, px.
 const PROBE_PX: f64 = 0.1;
 /// Contrast that a film of the asset may have: less is not of it, or fitted to nothing.
@@ -91,7 +93,7 @@ pub struct Fit {
     pub pose: Pose,
     /// Robust mean square of what differs, over its variance where nothing is alike.
     pub cost: f64,
-    /// How alike the gradients are, −1 to 1.
+    /// How alike the gradients are where the asset is drawn, −1 to 1.
     pub correlation: f64,
     /// How much the picture says of the lens, all else being free: one over its variance; 0 where that was not asked.
     pub lens_weight: f64,
@@ -108,8 +110,7 @@ struct Compared {
 impl Compared {
     /// Beyond which differences count less: where the asset is seen, as most else may be background.
     fn bound(&self) -> f64 {
-        let is_seen = |clear: &f32| f64::from(1.0 - clear) >= COVERED;
-        let seen = self.left.residual.iter().zip(&self.drawn.clear.values).filter(|(_, clear)| is_seen(clear));
+        let seen = self.left.residual.iter().zip(&self.drawn.clear.values).filter(|(_, clear)| is_seen(**clear));
         let mut sizes: Vec<f64> = seen.map(|(r, _)| r.abs()).collect();
         sizes.sort_by(f64::total_cmp);
         let middle = sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
@@ -122,6 +123,13 @@ impl Compared {
 
     fn weights(&self, bound: f64) -> Vec<f64> {
         weights(&self.left.residual, bound)
+    }
+
+    /// How alike the gradients are where the asset is drawn: what else a film shows, a logo or what is behind, says
+    /// nothing of where it was taken. The fewer pixels that are the less.
+    fn likeness(&self, film: &Gray) -> f64 {
+        let near = self.drawn.outlined();
+        (self.drawn.seen() as f64 / LEAST_SEEN).min(1.0) * correlation_where(film, &self.left.shown, |at| near[at])
     }
 }
 
@@ -171,18 +179,31 @@ pub fn align(stage: &mut Stage, film: &Gray, begun: &Pose, plan: Plan) -> Result
     let normal = slope.normal(&at, bound, 0.0);
     let lens_weight = if plan.lens { normal.known(LENS) / at.cost(bound) } else { 0.0 };
     let tied = if plan.time && stage.moves() { normal.matrix[(TIME, TIME)] / normal.known(TIME) } else { 1.0 };
-    let correlation = correlation(&target.picture, &at.left.shown);
+    let correlation = at.likeness(&target.picture);
     Ok(Fit { pose, cost: at.cost(bound), correlation, lens_weight, tied })
 }
 
-/// What a pose costs as it is: mean square of what differs after the best exposure.
+/// What poses cost as they are, in what differs where the asset is drawn from any of them, by one measure for all.
 ///
 /// # Errors
 /// When memory runs out or the device fails.
-pub fn cost_of(stage: &mut Stage, film: &Gray, pose: &Pose, plan: Plan) -> Result<f64, EngineError> {
-    let target = Target::new(film, plan.detail.width_px(pose), plan.way)?;
-    let left = target.compare(stage, pose, None)?.left;
-    Ok(cost(&left.residual, f64::INFINITY))
+pub fn costs_of(stage: &mut Stage, film: &Gray, poses: &[Pose], plan: Plan) -> Result<Vec<f64>, EngineError> {
+    let Some(first) = poses.first() else { return Ok(Vec::new()) };
+    let target = Target::new(film, plan.detail.width_px(first), plan.way)?;
+    let mut seen = vec![false; target.picture.values.len()];
+    let (mut drawn, mut bound) = (Vec::new(), f64::INFINITY);
+    for pose in poses {
+        let there = target.compare(stage, pose, None)?;
+        bound = bound.min(there.bound());
+        seen.iter_mut().zip(there.drawn.outlined()).for_each(|(seen, here)| *seen |= here);
+        drawn.push(there.drawn);
+    }
+    let cost = |drawn: &Drawn| {
+        let left = difference(drawn, &target.picture, Some(bound)).residual;
+        let left: Vec<f64> = left.into_iter().zip(&seen).filter_map(|(r, seen)| seen.then_some(r)).collect();
+        if left.is_empty() { f64::INFINITY } else { cost(&left, bound) }
+    };
+    Ok(drawn.iter().map(cost).collect())
 }
 
 /// Moments at which a film's picture is like the asset from a pose, the likeliest first: of those that are kept within

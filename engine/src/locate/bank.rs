@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::gray::Gray;
 use super::pose::Pose;
-use super::stage::{Canvas, Stage};
+use super::stage::{Canvas, Drawn, Stage};
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::scene::FrameSize;
@@ -32,6 +32,8 @@ const SIZES: [f64; 2] = [0.25, 3.0];
 const SIZE_STEP: f64 = 1.22;
 /// Share of a small picture's gradients that is in the frame at least, before what is outside counts against it.
 const LEAST_INSIDE: f32 = 0.3;
+/// What keeps apart how clear a picture is and what it shows where both are nearly the same, of their squares.
+const LITTLE: f32 = 1e-3;
 /// Directions that are nearer than this count as one guess, as the cosine of some 20 degrees.
 const SAME_VIEW: f64 = 0.94;
 
@@ -42,20 +44,51 @@ struct Seen {
     looks: [Look; SIDES_PX.len()],
 }
 
-/// What a small picture looks like.
+/// What a small picture looks like before any background: gradients of the picture and of how clear it is, right and
+/// down each.
 #[derive(Clone, Debug)]
 struct Look {
     side: usize,
-    gradient: [Vec<f32>; 2],
-    /// Sum of the squares of both.
-    energy: f32,
+    gradients: [[Vec<f32>; 2]; 2],
+    /// Sums of their products over the picture.
+    products: Products,
 }
 
 impl Look {
-    fn of(picture: &Gray, side: usize) -> Self {
-        let gradient = picture.resized(side, side).gradient();
-        let energy = gradient.iter().flatten().map(|g| g * g).sum();
-        Self { side, gradient, energy }
+    fn of(drawn: &Drawn, side: usize) -> Self {
+        let gradients = [&drawn.picture, &drawn.clear].map(|of| of.resized(side, side).gradient());
+        let mut products = Products::default();
+        let [picture, clear] = &gradients;
+        picture.iter().zip(clear).for_each(|(picture, clear)| products.add(picture, clear));
+        Self { side, gradients, products }
+    }
+}
+
+/// Sums of products of the picture's gradients and of how clear it is: of the one, of both, of the other.
+#[derive(Clone, Copy, Debug, Default)]
+struct Products([f32; 3]);
+
+impl Products {
+    fn add(&mut self, picture: &[f32], clear: &[f32]) {
+        for (picture, clear) in picture.iter().zip(clear) {
+            self.0[0] += picture * picture;
+            self.0[1] += picture * clear;
+            self.0[2] += clear * clear;
+        }
+    }
+
+    fn size(self) -> f32 {
+        self.0[0] + self.0[2]
+    }
+
+    /// Of a frame's gradients, which have these products with both, what is explained by the picture before the
+    /// background that explains most; 0 where that would be its negative.
+    fn explained(self, [picture, clear]: [f32; 2]) -> f32 {
+        let Self([a, b, c]) = self;
+        let (a, c) = (a * (1.0 + LITTLE), c * (1.0 + LITTLE));
+        let determinant = a * c - b * b;
+        let (gain, behind) = (c * picture - b * clear, a * clear - b * picture);
+        if determinant > 0.0 && gain > 0.0 { (gain * picture + behind * clear) / determinant } else { 0.0 }
     }
 }
 
@@ -63,6 +96,15 @@ impl Look {
 #[derive(Clone, Debug)]
 pub struct Bank {
     seen: Vec<Seen>,
+}
+
+/// How a frame's edges are compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Edges {
+    /// As strong as they are.
+    AsTheyAre,
+    /// The strongest no stronger than most: a logo's are stronger than an asset's.
+    HeldDown,
 }
 
 /// A pose, and how much a frame looks like it.
@@ -87,9 +129,9 @@ impl Bank {
             let time = f64::from(moment) / f64::from(moments.max(2) - 1);
             for direction in directions() {
                 let Some(pose) = pose_from(stage, direction, time) else { continue };
-                let picture = stage.draw(&pose, Canvas::fine(size))?.picture;
-                let looks = SIDES_PX.map(|side| Look::of(&picture, side));
-                if looks.iter().all(|look| look.energy > f32::EPSILON) {
+                let drawn = stage.draw(&pose, Canvas::fine(size))?;
+                let looks = SIDES_PX.map(|side| Look::of(&drawn, side));
+                if looks.iter().all(|look| look.products.size() > f32::EPSILON) {
                     seen.push(Seen { pose, looks });
                 }
             }
@@ -99,10 +141,10 @@ impl Bank {
 
     /// The `count` best guesses at what a frame shows, best first, no two of them of the same view.
     #[must_use]
-    pub fn guesses(&self, frame: &Gray, count: usize) -> Vec<Guess> {
-        let first = Self::ranked(&pyramid(frame, |_| 0), &self.seen.iter().collect::<Vec<_>>());
+    pub fn guesses(&self, frame: &Gray, edges: Edges, count: usize) -> Vec<Guess> {
+        let first = Self::ranked(&pyramid(frame, edges, |_| 0), &self.seen.iter().collect::<Vec<_>>());
         let seen: Vec<&Seen> = first.into_iter().take(LOOKED_AT).map(|found| found.seen).collect();
-        let found = Self::ranked(&pyramid(frame, |size| if size >= LARGE { 2 } else { 1 }), &seen);
+        let found = Self::ranked(&pyramid(frame, edges, |size| if size >= LARGE { 2 } else { 1 }), &seen);
         let mut kept: Vec<Guess> = Vec::new();
         for Found { guess, .. } in found {
             let axis = |guess: &Guess| guess.pose.turn.inverse() * DVec3::Z;
@@ -178,7 +220,7 @@ struct Level {
 }
 
 /// A frame at all sizes, and which of the small pictures is for which.
-fn pyramid(frame: &Gray, look_of: impl Fn(f64) -> usize) -> Vec<Level> {
+fn pyramid(frame: &Gray, edges: Edges, look_of: impl Fn(f64) -> usize) -> Vec<Level> {
     let mut levels = Vec::new();
     let mut size = SIZES[0];
     while size <= SIZES[1] {
@@ -189,12 +231,28 @@ fn pyramid(frame: &Gray, look_of: impl Fn(f64) -> usize) -> Vec<Level> {
         let [across, down] =
             [width, width * frame.height as f64 / frame.width as f64].map(|side| side.round().max(4.0) as usize);
         let small = frame.resized(across, down);
-        let gradient = small.gradient();
+        let gradient = match edges {
+            Edges::AsTheyAre => small.gradient(),
+            Edges::HeldDown => held_down(small.gradient()),
+        };
         let energy = gradient.iter().flatten().map(|g| g * g).sum();
         levels.push(Level { width: across, height: down, gradient, energy, look });
         size *= SIZE_STEP;
     }
     levels
+}
+
+/// Gradients no longer than their mean, each weighted by its length.
+fn held_down([mut right, mut down]: [Vec<f32>; 2]) -> [Vec<f32>; 2] {
+    let lengths: Vec<f32> = right.iter().zip(&down).map(|(right, down)| right.hypot(*down)).collect();
+    let sum = lengths.iter().sum::<f32>().max(f32::MIN_POSITIVE);
+    let longest = lengths.iter().map(|length| length * length).sum::<f32>() / sum;
+    for ((right, down), length) in right.iter_mut().zip(&mut down).zip(lengths) {
+        let factor = if length > longest { longest / length } else { 1.0 };
+        *right *= factor;
+        *down *= factor;
+    }
+    [right, down]
 }
 
 impl Level {
@@ -232,30 +290,34 @@ impl Level {
         Some(Guess { pose: Pose { shift, size, ..seen.pose }, likeness })
     }
 
-    /// Correlation of gradients with the picture's upper left corner at a pixel: what of the frame lies outside of the
+    /// Correlation of gradients with the picture's upper left corner at a pixel, before the background with which that
+    /// is most: what of the frame lies outside of the
     /// picture counts against it, what of the picture lies outside of the frame does not.
     fn likeness(&self, look: &Look, [left, top]: [i64; 2]) -> f64 {
         let side = signed(look.side);
         let [width, height] = [self.width, self.height].map(signed);
         let (from_x, to_x) = ((-left).max(0), side.min(width - left));
         let is_whole = from_x == 0 && to_x == side && top >= 0 && top + side <= height;
-        let (mut dot, mut inside) = (0.0f32, 0.0f32);
+        let (mut dots, mut inside) = ([0.0f32; 2], Products::default());
         for y in (-top).max(0)..side.min(height - top) {
             let index = |at: i64| usize::try_from(at).unwrap_or(0);
             let (row, there) = (index(y * side), index((y + top) * width + left + from_x));
             let (own, count) = (row + index(from_x), index(to_x - from_x));
-            for (picture, frame) in look.gradient.iter().zip(&self.gradient) {
-                let (picture, frame) = (&picture[own..own + count], &frame[there..there + count]);
-                dot += picture.iter().zip(frame).map(|(a, b)| a * b).sum::<f32>();
+            for (way, frame) in self.gradient.iter().enumerate() {
+                let frame = &frame[there..there + count];
+                let [picture, clear] = [0, 1].map(|of| &look.gradients[of][way][own..own + count]);
+                dots[0] += picture.iter().zip(frame).map(|(a, b)| a * b).sum::<f32>();
+                dots[1] += clear.iter().zip(frame).map(|(a, b)| a * b).sum::<f32>();
                 if !is_whole {
-                    inside += picture.iter().map(|a| a * a).sum::<f32>();
+                    inside.add(picture, clear);
                 }
             }
         }
-        let inside = if is_whole { look.energy } else { inside };
+        let inside = if is_whole { look.products } else { inside };
         // A picture that is nearly all outside of the frame says nothing.
-        let sizes = (self.energy * inside.max(LEAST_INSIDE * look.energy)).sqrt();
-        if sizes > 0.0 { f64::from(dot / sizes) } else { 0.0 }
+        let share = (inside.size() / (LEAST_INSIDE * look.products.size())).min(1.0);
+        let explained = share * inside.explained(dots);
+        if self.energy > 0.0 { f64::from((explained / self.energy).sqrt()) } else { 0.0 }
     }
 }
 

@@ -49,7 +49,7 @@ impl Track {
             (Some((_, pose)), None) | (None, Some((_, pose))) => Some(pose),
             (None, None) => {
                 let nearest = (0..self.frames.len()).filter(|other| known(*other).is_some());
-                nearest.min_by_key(|other| other.abs_diff(at)).and_then(known).or(self.guess)
+                nearest.min_by_key(|other| other.abs_diff(at)).and_then(known).or(self.guess.map(|guess| guess.pose))
             }
         }
     }

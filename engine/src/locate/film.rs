@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use guard4d_kernels::Device;
 
-use super::align::{Detail, Fit, Plan, Way, align, cost_of, moments};
-use super::bank::Bank;
+use super::align::{Detail, Fit, Plan, Way, align, costs_of, moments};
+use super::bank::{Bank, Edges};
 use super::gray::Gray;
 use super::pose::Pose;
 use super::search::{SCANNED, TIED, anywhere, with_lens};
@@ -26,7 +26,8 @@ const LEFT_OUT: f64 = 0.75;
 const LOST: f64 = 0.8;
 const SEARCHES: usize = 4;
 const SEARCHED: usize = 16;
-/// Frames of a shot of which nothing is known that are looked for before it is given up.
+/// How often a shot of which nothing is known is looked for in a frame before it is given up; in another each time, if
+/// there are as many.
 const TRIES: usize = 3;
 /// How far the next frame's moment may be from where it is looked for: so much, and as far as that is from the last.
 const NEAR: f64 = 0.06;
@@ -62,8 +63,8 @@ pub struct Track {
     pub shots: Vec<Range<usize>>,
     /// Whether the film shows the asset mirrored: poses are those of its frames mirrored back.
     pub is_mirrored: bool,
-    /// The best that was seen where nothing was found.
-    pub guess: Option<Pose>,
+    /// The likeliest that was seen before anything was followed.
+    pub guess: Option<Fit>,
 }
 
 impl Track {
@@ -109,16 +110,16 @@ impl Locator {
         let Some(longest) = (0..shots.len()).max_by_key(|shot| shots[*shot].len()) else { return Ok(Track::default()) };
         let mut begun = self.first(&frames[shots[longest].clone()], &mut work)?;
         let mut turned = None;
-        if begun.is_none_or(|begun| begun.fit.correlation < GOOD) {
+        if begun.is_none_or(|begun| begun.likeness < GOOD) {
             // An asset that is much like its mirror image may be found in either.
             let mirrored: Vec<Gray> = frames.iter().map(Gray::mirrored).collect();
             let other = self.first(&mirrored[shots[longest].clone()], &mut work)?;
-            let likeness = |begun: Option<Begun>| begun.map_or(f64::NEG_INFINITY, |begun| begun.fit.correlation);
+            let likeness = |begun: Option<Begun>| begun.map_or(f64::NEG_INFINITY, |begun| begun.likeness);
             if likeness(other) > likeness(begun) {
                 (begun, turned) = (other, Some(mirrored));
             }
         }
-        let guess = begun.map(|begun| begun.fit.pose);
+        let guess = begun.map(|begun| begun.fit);
         let is_mirrored = turned.is_some();
         let frames = turned.as_deref().unwrap_or(frames);
         let mut fits = Vec::new();
@@ -170,19 +171,34 @@ impl Locator {
     /// Looks for the asset in a few frames until it is found in one; where it is most like it.
     fn first(&mut self, frames: &[Gray], work: &mut Work<'_>) -> Result<Option<Begun>, EngineError> {
         let mut best: Option<Begun> = None;
-        let tries = TRIES.min(frames.len());
+        let tries = TRIES.min(2 * frames.len());
         for number in 0..tries {
             work.look("looking for the asset")?;
             let frame = (2 * number + 1) * frames.len() / (2 * tries);
-            let Some(fit) = anywhere(&mut self.stage, &self.bank, &frames[frame])? else { continue };
-            if best.is_none_or(|best| fit.correlation > best.fit.correlation) {
-                best = Some(Begun { frame, fit });
+            // What hides it in one way may not in the other.
+            let edges = if number % 2 == 0 { Edges::AsTheyAre } else { Edges::HeldDown };
+            let Some(fit) = anywhere(&mut self.stage, &self.bank, &frames[frame], edges)? else { continue };
+            let likeness = self.closely(&frames[frame], fit)?;
+            if best.is_none_or(|best| likeness > best.likeness) {
+                best = Some(Begun { frame, fit, likeness });
             }
-            if fit.correlation >= GOOD {
+            if likeness >= GOOD {
                 break;
             }
         }
         Ok(best)
+    }
+
+    /// How like the original a frame is that may be found: small pictures alone leave that open.
+    fn closely(&mut self, frame: &Gray, fit: Fit) -> Result<f64, EngineError> {
+        if !(FOUND..GOOD).contains(&fit.correlation) {
+            return Ok(fit.correlation);
+        }
+        let was_rough = self.stage.is_rough();
+        self.stage.set_rough(false);
+        let closer = align(&mut self.stage, frame, &fit.pose, TELL)?;
+        self.stage.set_rough(was_rough);
+        Ok(fit.correlation.max(closer.correlation))
     }
 
     /// A frame beside one that is known: from there, from where the last step leads, or from anywhere if it is not
@@ -210,7 +226,7 @@ impl Locator {
             return Ok(best);
         }
         *searches -= 1;
-        let anew = anywhere(stage, &self.bank, frame)?;
+        let anew = anywhere(stage, &self.bank, frame, Edges::AsTheyAre)?;
         Ok(anew.filter(|fit| fit.correlation > best.correlation).unwrap_or(best))
     }
 
@@ -297,10 +313,12 @@ impl Locator {
 
 /// Has the asset drawn as finely as a film was that this is a frame of: at its size, or at twice and then made smaller.
 fn draw_as(stage: &mut Stage, frame: &Gray, pose: &Pose) -> Result<(), EngineError> {
-    stage.set_film_drawn_at(2);
-    let twice = cost_of(stage, frame, pose, LAST)?;
-    stage.set_film_drawn_at(1);
-    if twice < CLEARLY * cost_of(stage, frame, pose, LAST)? {
+    let mut cost_at = |times: u32| -> Result<f64, EngineError> {
+        stage.set_film_drawn_at(times);
+        Ok(costs_of(stage, frame, &[*pose], LAST)?[0])
+    };
+    let (twice, once) = (cost_at(2)?, cost_at(1)?);
+    if twice < CLEARLY * once {
         stage.set_film_drawn_at(2);
     }
     Ok(())
@@ -308,14 +326,13 @@ fn draw_as(stage: &mut Stage, frame: &Gray, pose: &Pose) -> Result<(), EngineErr
 
 /// A frame's last steps, from the first of several places unless it fits much better in another.
 fn last_steps(stage: &mut Stage, frame: &Gray, starts: &[Pose], lens: f64) -> Result<Fit, EngineError> {
-    let mut best: Option<(Pose, f64)> = None;
-    for start in starts {
-        let start = with_lens(*start, lens);
-        let cost = cost_of(stage, frame, &start, LAST)?;
-        best = best.filter(|(_, least)| MUCH_BETTER * *least <= cost).or(Some((start, cost)));
+    let starts: Vec<Pose> = starts.iter().map(|start| with_lens(*start, lens)).collect();
+    let costs = costs_of(stage, frame, &starts, LAST)?;
+    let mut best = 0;
+    for at in 1..starts.len() {
+        best = if costs[at] < MUCH_BETTER * costs[best] { at } else { best };
     }
-    let (start, _) = best.expect("it starts somewhere");
-    let fit = align(stage, frame, &start, LAST)?;
+    let fit = align(stage, frame, &starts[best], LAST)?;
     if fit.tied > TIED { align(stage, frame, &fit.pose, LAST_EXACTLY) } else { Ok(fit) }
 }
 
@@ -337,6 +354,8 @@ pub fn apart_px(a: &Pose, b: &Pose, width: f64) -> f64 {
 struct Begun {
     frame: usize,
     fit: Fit,
+    /// How like the original it is, looked at closely.
+    likeness: f64,
 }
 
 /// How far the work is, and who is told.

@@ -54,7 +54,8 @@ pub struct LocateReport {
     pub mirrored: bool,
     /// What part of the frames is the picture, where that is not all.
     pub picture: Option<Rect>,
-    /// Median likeness of film and original in the frames that were found, −1 to 1: correlation of gradients.
+    /// Median likeness of film and original in the frames that were found, or that of the likeliest guess where none
+    /// was, −1 to 1: correlation of gradients where the original is drawn.
     pub likeness: Option<f64>,
     /// How far a frame is from between its neighbours at the median, px of the film; none of fewer than three frames.
     /// Each was fitted for itself, so that it is a bound on how far off they are where the camera moves evenly.
@@ -116,7 +117,7 @@ fn report(track: &Track, reading: &Reading) -> LocateReport {
         shots: track.shots.len(),
         mirrored: track.is_mirrored,
         picture: Some(reading.picture).filter(|picture| *picture != whole),
-        likeness: of(&|at| known[at].correlation),
+        likeness: of(&|at| known[at].correlation).or(track.guess.map(|guess| guess.correlation)),
         apart_px: (!apart.is_empty()).then(|| median(apart.iter().copied())),
         fov_deg: of(&|at| (2.0 * (0.5 / known[at].pose.lens.exp()).atan()).to_degrees()),
         times: known.first().zip(known.last()).map(|(first, last)| [first.pose.time, last.pose.time]),

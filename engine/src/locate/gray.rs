@@ -83,6 +83,20 @@ impl Gray {
         Self { width, height, values }
     }
 
+    /// The least value within so many pixels of each, right, left, up and down.
+    #[must_use]
+    pub fn least_within(&self, px: usize) -> Self {
+        let Self { width, height, values } = self;
+        let least = |values: &[f32], at: usize, step: usize, count: usize| {
+            let (from, place) = (at - at / step % count * step, at / step % count);
+            let near = place.saturating_sub(px)..=(place + px).min(count - 1);
+            near.map(|place| values[from + place * step]).fold(f32::INFINITY, f32::min)
+        };
+        let across: Vec<f32> = (0..values.len()).map(|at| least(values, at, 1, *width)).collect();
+        let values = (0..values.len()).map(|at| least(&across, at, *width, *height)).collect();
+        Self { values, ..*self }
+    }
+
     /// How fast values change, right and down, `[H, W]` each, in units of a pixel: half the difference of both
     /// neighbours; 0 at the ends.
     #[must_use]
@@ -135,9 +149,16 @@ fn shares(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
 /// How alike the gradients of two pictures of one size are, −1 to 1; 0 where one of them has none.
 #[must_use]
 pub fn correlation(a: &Gray, b: &Gray) -> f64 {
+    correlation_where(a, b, |_| true)
+}
+
+/// The same of the pixels that count alone, by their index.
+#[must_use]
+pub fn correlation_where(a: &Gray, b: &Gray, counts: impl Fn(usize) -> bool) -> f64 {
     let (a, b) = (a.gradient(), b.gradient());
     let dot = |p: &[Vec<f32>; 2], q: &[Vec<f32>; 2]| -> f64 {
-        p.iter().flatten().zip(q.iter().flatten()).map(|(p, q)| f64::from(p * q)).sum()
+        let products = p.iter().zip(q).flat_map(|(p, q)| p.iter().zip(q).enumerate());
+        products.filter(|(at, _)| counts(*at)).map(|(_, (p, q))| f64::from(p * q)).sum()
     };
     let sizes = (dot(&a, &a) * dot(&b, &b)).sqrt();
     if sizes > 0.0 { dot(&a, &b) / sizes } else { 0.0 }

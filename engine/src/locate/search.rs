@@ -1,7 +1,7 @@
 //! A frame of which nothing is known.
 
 use super::align::{Detail, Fit, Plan, Way, align, moments};
-use super::bank::Bank;
+use super::bank::{Bank, Edges};
 use super::gray::Gray;
 use super::pose::{LENS, PARAMETERS, Pose};
 use super::stage::Stage;
@@ -38,9 +38,9 @@ const EXACT: Plan = Plan { detail: Detail::Radius(90.0), steps: 10, lens: true, 
 ///
 /// # Errors
 /// When memory runs out or the device fails.
-pub fn anywhere(stage: &mut Stage, bank: &Bank, frame: &Gray) -> Result<Option<Fit>, EngineError> {
+pub fn anywhere(stage: &mut Stage, bank: &Bank, frame: &Gray, edges: Edges) -> Result<Option<Fit>, EngineError> {
     let mut fits = Vec::new();
-    for guess in bank.guesses(frame, GUESSES) {
+    for guess in bank.guesses(frame, edges, GUESSES) {
         let longer = frame.width.max(frame.height) as f64 / frame.width as f64;
         let lens = (longer / (2.0 * (LENS_DEG.to_radians() / 2.0).tan())).ln();
         fits.push(align(stage, frame, &with_lens(guess.pose, lens), COARSE)?);

@@ -25,7 +25,15 @@ pub const MOMENTS: u32 = 64;
 /// Other moments that are kept: the last steps'.
 const CACHED: usize = 4;
 /// Least share of a pixel that the asset covers to be seen there.
-pub const COVERED: f64 = 0.1;
+const COVERED: f64 = 0.1;
+/// How far beside the asset its outline is looked for.
+const OUTLINE_PX: usize = 2;
+
+/// Whether the asset is seen in a pixel of which so much is clear.
+#[must_use]
+pub fn is_seen(clear: f32) -> bool {
+    f64::from(1.0 - clear) >= COVERED
+}
 
 /// The asset with what draws it.
 #[derive(Debug)]
@@ -228,6 +236,18 @@ impl Drawn {
         let [picture, clear] = [Gray::of_pixels(across, down, pixels), clear]
             .map(|picture| picture.resized(size.width() as usize, size.height() as usize));
         Self { picture, clear }
+    }
+
+    /// How many pixels the asset is seen in.
+    #[must_use]
+    pub fn seen(&self) -> usize {
+        self.clear.values.iter().filter(|clear| is_seen(**clear)).count()
+    }
+
+    /// Which pixels are of the asset and of its outline.
+    #[must_use]
+    pub fn outlined(&self) -> Vec<bool> {
+        self.clear.least_within(OUTLINE_PX).values.into_iter().map(is_seen).collect()
     }
 }
 

@@ -53,7 +53,7 @@ pub struct LocatedRow {
     pub near: f64,
     /// Share of frames whose moment is within a 200th.
     pub near_time: f64,
-    /// Median likeness of gradients.
+    /// Median likeness of gradients, or that of the likeliest guess where nothing was found.
     pub likeness: f64,
     /// Frames that are said to be known.
     pub known: usize,
@@ -95,6 +95,7 @@ pub fn film(case: &Case<'_>, locator: &mut Locator, shots: &Shots, folder: &Path
     let track = locator.locate(&reading.pictures, &mut Unobserved)?;
     let (first, _) = spoilt.shots[0];
     let row = LocatedRow {
+        likeness: track.guess.map_or(0.0, |guess| guess.correlation),
         width: first.width,
         height: first.height,
         frames: reading.frames,

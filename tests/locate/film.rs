@@ -1,0 +1,76 @@
+//! Frames of films are found whatever else they show.
+
+use guard4d_engine::base::observer::Unobserved;
+use guard4d_engine::locate::film::{Locator, apart_px};
+use guard4d_engine::locate::gray::Gray;
+use guard4d_engine::locate::pose::Pose;
+use guard4d_engine::render::SceneRenderer;
+use guard4d_engine::scene::camera::paths::{Lens, Orbit};
+use guard4d_engine::scene::demo::DemoScene;
+use guard4d_engine::scene::{Camera, FrameSize, Model, Motion};
+
+use crate::support::gpu::{Gpu, device};
+
+const WIDTH_PX: u32 = 320;
+
+/// What is behind the asset.
+fn pattern(x: usize, y: usize) -> f32 {
+    0.5 + 0.2 * (x as f32 / 17.0).sin() * (y as f32 / 17.0).cos()
+}
+
+/// A chequered logo over the lower right corner.
+fn with_logo(mut frame: Gray) -> Gray {
+    let (width, height) = (frame.width, frame.height);
+    for (at, value) in frame.values.iter_mut().enumerate() {
+        let (x, y) = (at % width, at / width);
+        if 4 * x > 3 * width && 5 * y > 4 * height {
+            *value = f32::from(u8::from((x / 8 + y / 8) % 2 == 0));
+        }
+    }
+    frame
+}
+
+/// The asset before its own background, or before the pattern.
+fn frame(gpu: &Gpu, model: &Model, camera: Camera, is_patterned: bool) -> Gray {
+    let mut renderer = SceneRenderer::new(gpu, &model.gaussians, &model.motion, [0.0; 3]).expect("a renderer");
+    let mut film = None;
+    let each = |_: usize, camera: &Camera, pixels: &[f32]| {
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let mut gray = Gray::of_pixels(width, height, pixels);
+        for (at, (value, pixel)) in gray.values.iter_mut().zip(pixels.chunks_exact(4)).enumerate() {
+            *value += pixel[3] * if is_patterned { pattern(at % width, at / width) } else { 0.5 };
+        }
+        film = Some(gray);
+        Ok(())
+    };
+    renderer.render_clips(&[vec![(camera, 0.0)]], each).expect("films");
+    film.expect("one frame")
+}
+
+#[test]
+fn a_logo_and_what_is_behind_the_asset_do_not_hide_it() {
+    let Some(gpu) = device() else { return };
+    let scene = DemoScene::unpack().expect("the scene unpacks");
+    let mut model = Model::open(scene.path()).expect("the scene opens");
+    model.motion = Motion::Still;
+    let mut locator = Locator::new(&gpu, &model).expect("it fits");
+    let middle = locator.stage().middle();
+    let lens = Lens { fov_x_rad: 0.7, size: FrameSize::new(WIDTH_PX, 240).expect("a size") };
+    let orbit = Orbit { views: 5, elevation_deg: 35.0, look_at: locator.stage().look_at(), lens };
+    let camera = orbit.cameras().expect("an orbit").views[3].camera;
+    let truth = Pose::of_camera(&camera, 0.0, middle).expect("the middle is in front");
+    let films = [with_logo(frame(&gpu, &model, camera, false)), frame(&gpu, &model, camera, true)];
+    for (film, name) in films.iter().zip(["a logo", "a pattern"]) {
+        let track = locator.locate(std::slice::from_ref(film), &mut Unobserved).expect("it looks");
+        let fit = track.frames[0].unwrap_or_else(|| panic!("{name} hides it: {:?}", track.guess));
+        // A single frame tells its lens less well than what it shows.
+        let apart = apart_px(&Pose { lens: truth.lens, ..fit.pose }, &truth, f64::from(WIDTH_PX));
+        assert!(apart < 1.5, "{name}: {apart} px: {:?} for {truth:?}", fit.pose);
+        assert!(fit.correlation > 0.8, "{name}: {}", fit.correlation);
+    }
+    let [width, height] = [films[1].width, films[1].height];
+    let values = (0..width * height).map(|at| pattern(at % width, at / width)).collect();
+    let nothing = with_logo(Gray { width, height, values });
+    let track = locator.locate(&[nothing], &mut Unobserved).expect("it looks");
+    assert!(!track.is_found(), "there is a logo and a pattern, and no asset");
+}
