@@ -9,20 +9,20 @@ use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::fidelity::{DEFAULT_PSNR_DB, strength_for};
 use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::locate::film::Locator;
-use guard4d_engine::scene::Model;
 
 use super::host::Host;
 use crate::locating::attack::Attack;
 use crate::locating::film::shots;
 use crate::locating::measure::{self, Case, LocatedRow};
+use crate::study::SceneSource;
 use crate::tracing::leak::Leak;
 
 /// What is filmed, and where readings go.
 #[derive(Args, Debug)]
 pub(super) struct LocatingArgs {
-    /// Models
+    /// Models, or demo
     #[arg(required = true, value_name = "MODEL")]
-    models: Vec<PathBuf>,
+    models: Vec<SceneSource>,
     /// Films of each, drawn at random
     #[arg(long, value_name = "N", default_value_t = 30)]
     films: u64,
@@ -34,7 +34,7 @@ pub(super) struct LocatingArgs {
     attack: Vec<Attack>,
     /// Look for another asset in them, which must not be found
     #[arg(long, value_name = "MODEL")]
-    other: Option<PathBuf>,
+    other: Option<SceneSource>,
     /// Frames of a film
     #[arg(long, default_value_t = 48)]
     frames: u32,
@@ -48,10 +48,9 @@ pub(super) fn run(args: &LocatingArgs, host: &dyn Host) -> Result<(), EngineErro
     let device = host.open()?;
     let mut table: Ledger<LocatedRow> = Ledger::open(&args.out)?;
     let folder = tempfile::tempdir().map_err(|source| EngineError::Io { path: std::env::temp_dir(), source })?;
-    let other = args.other.as_deref().map(Model::open_in_kind).transpose()?;
-    for path in &args.models {
-        let model = Model::open_in_kind(path)?;
-        let asset = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let other = args.other.as_ref().map(SceneSource::open_in_kind).transpose()?;
+    for source in &args.models {
+        let (model, asset) = (source.open_in_kind()?, source.to_string());
         let prf = Prf::new(&MasterSecret::from_bytes([1; 32]));
         let mut issue = Issue::new(&model, prf.clone(), 1.0);
         let strength = strength_for(&device, Issue::new(&model, prf, 1.0), DEFAULT_PSNR_DB)?;

@@ -12,10 +12,11 @@ use guard4d_engine::scene::{Model, Motion};
 use guard4d_kernels::Device;
 
 use super::host::Host;
+use crate::study::SceneSource;
 use crate::tracing::film::{FILMS, Film, spoil};
 use crate::tracing::filmed::{Filmed, Size};
 use crate::tracing::leak::{Leak, RULES, without_removed};
-use crate::tracing::measure::{self, Reading};
+use crate::tracing::measure::{self as readings, Reading};
 use crate::tracing::pages;
 use crate::tracing::rewritten::{WAYS, Way};
 
@@ -30,7 +31,7 @@ const LENGTHS: [u32; 6] = [1, 3, 6, 12, 48, 96];
 
 /// What is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Part {
+pub(super) enum Part {
     /// A copy in every film.
     Films,
     /// The original and a stranger's copy in every film, by several keys: nobody may be named.
@@ -48,36 +49,36 @@ enum Part {
 /// What is stamped, and where readings go.
 #[derive(Args, Debug)]
 pub(super) struct TracingArgs {
-    /// Models
+    /// Models, or demo
     #[arg(required = true, value_name = "MODEL")]
-    models: Vec<PathBuf>,
+    pub(super) models: Vec<SceneSource>,
     /// What is measured
     #[arg(long, value_enum, value_delimiter = ',', default_value = "films")]
-    part: Vec<Part>,
+    pub(super) part: Vec<Part>,
     /// Keys, numbered from 1
     #[arg(long, value_name = "N", default_value_t = 3)]
-    keys: u8,
+    pub(super) keys: u8,
     /// Only films of which the name contains one of these
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
-    films: Vec<String>,
+    pub(super) films: Vec<String>,
     /// Frames of a film
     #[arg(long, default_value_t = 24)]
-    frames: u32,
+    pub(super) frames: u32,
     /// Side of frames, px
     #[arg(long, default_value_t = 400)]
-    side: u32,
+    pub(super) side: u32,
     /// PSNR of copies, dB
     #[arg(long, value_name = "DB", default_value_t = DEFAULT_PSNR_DB)]
-    target_psnr: f64,
+    pub(super) target_psnr: f64,
     /// Table of readings; it grows, and what it has is not measured again
     #[arg(long, value_name = "FILE")]
-    out: PathBuf,
+    pub(super) out: PathBuf,
     /// PlayCanvas' splat-transform, which static copies are rewritten by
     #[arg(long, value_name = "PROGRAM")]
-    splat_transform: Option<PathBuf>,
+    pub(super) splat_transform: Option<PathBuf>,
     /// Folder for a page of tables and charts of all that the table has
     #[arg(long, value_name = "FOLDER")]
-    page: Option<PathBuf>,
+    pub(super) page: Option<PathBuf>,
 }
 
 /// What is measured at once: what leaks as which films.
@@ -94,10 +95,26 @@ struct Round {
 pub(super) fn run(args: &TracingArgs, host: &dyn Host) -> Result<(), EngineError> {
     host.listen();
     let device = host.open()?;
+    let table = measure(args, &device, host)?;
+    if let Some(page) = &args.page {
+        let command = std::env::args().collect::<Vec<_>>().join(" ");
+        for page in pages::write(page, table.rows(), &command, vec![device.info().name.clone()])? {
+            host.note(&page.display().to_string());
+        }
+    }
+    let worst = table.rows().iter().filter(|row| row.contributed > 0).map(|row| row.t).fold(f64::INFINITY, f64::min);
+    let rows = table.rows().len();
+    host.print(
+        &serde_json::json!({ "readings": rows, "least_t": worst }),
+        &format!("{rows} readings, least T {worst:.1}"),
+    )
+}
+
+/// Measures what the table does not have; all that it has then.
+pub(super) fn measure(args: &TracingArgs, device: &Device, host: &dyn Host) -> Result<Ledger<Reading>, EngineError> {
     let mut table: Ledger<Reading> = Ledger::open(&args.out)?;
-    for path in &args.models {
-        let model = Model::open_in_kind(path)?;
-        let asset = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    for source in &args.models {
+        let (model, asset) = (source.open_in_kind()?, source.to_string());
         for key in 1..=args.keys {
             let prf = Prf::new(&MasterSecret::from_bytes([key; 32]));
             let mut issue = Issue::new(&model, prf.clone(), 1.0);
@@ -119,11 +136,11 @@ pub(super) fn run(args: &TracingArgs, host: &dyn Host) -> Result<(), EngineError
                 }
                 if asked_db != round.asked_db {
                     asked_db = round.asked_db;
-                    let strength = strength_for(&device, Issue::new(&model, prf.clone(), 1.0), asked_db)?;
+                    let strength = strength_for(device, Issue::new(&model, prf.clone(), 1.0), asked_db)?;
                     issue = issue.with_strength(strength);
                 }
                 let program = args.splat_transform.as_deref();
-                measure_round(&device, &issue, &round, &known, program, &mut |reading| {
+                measure_round(device, &issue, &round, &known, program, &mut |reading| {
                     let frames = round.size.frames;
                     let row =
                         Reading { asset: asset.clone(), key, leak: round.name.clone(), frames, asked_db, ..reading };
@@ -133,18 +150,7 @@ pub(super) fn run(args: &TracingArgs, host: &dyn Host) -> Result<(), EngineError
             }
         }
     }
-    if let Some(page) = &args.page {
-        let command = std::env::args().collect::<Vec<_>>().join(" ");
-        for page in pages::write(page, table.rows(), &command, &device)? {
-            host.note(&page.display().to_string());
-        }
-    }
-    let worst = table.rows().iter().filter(|row| row.contributed > 0).map(|row| row.t).fold(f64::INFINITY, f64::min);
-    let rows = table.rows().len();
-    host.print(
-        &serde_json::json!({ "readings": rows, "least_t": worst }),
-        &format!("{rows} readings, least T {worst:.1}"),
-    )
+    Ok(table)
 }
 
 fn rounds(args: &TracingArgs) -> Vec<Round> {
@@ -233,14 +239,14 @@ fn measure_round(
         let of_class = filmed.iter().find(|filmed| filmed.film.class == film.class).expect("it was filmed");
         let spoilt = spoil(device, film, &of_class.frames, &of_class.shots, folder.path())?;
         let reading = match copies.is_empty() {
-            true => measure::innocent_film(device, issue, &spoilt)?,
-            false => measure::film(device, issue, &spoilt, &copies)?,
+            true => readings::innocent_film(device, issue, &spoilt)?,
+            false => readings::film(device, issue, &spoilt, &copies)?,
         };
         each(Reading { film: film.name.to_owned(), psnr_db: of_class.psnr_db, ..reading })?;
     }
     if round.as_asset && is_new("asset") {
         let leaked = Model::of_splats(Path::new("leak.ply"), &without_removed(&gaussians), issue.model().background)?;
-        let reading = measure::asset(device, issue, &leaked, &copies)?;
+        let reading = readings::asset(device, issue, &leaked, &copies)?;
         each(Reading { film: "asset".to_owned(), ..reading })?;
     }
     Ok(())

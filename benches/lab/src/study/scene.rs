@@ -38,6 +38,19 @@ pub enum SceneSource {
     Path(PathBuf),
 }
 
+impl SceneSource {
+    /// The model, in its own kind of file.
+    ///
+    /// # Errors
+    /// Those of reading it.
+    pub fn open_in_kind(&self) -> Result<Model, EngineError> {
+        match self {
+            Self::Demo => Model::open_in_kind(demo::DemoScene::unpack()?.path()),
+            Self::Path(path) => Model::open_in_kind(path),
+        }
+    }
+}
+
 /// `demo` or a path.
 impl FromStr for SceneSource {
     type Err = EngineError;

@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use guard4d_engine::error::EngineError;
-use guard4d_kernels::Device;
 
 use super::film::FILMS;
 use super::measure::Reading;
@@ -25,10 +24,9 @@ const BY_CRF: [(&str, f64); 4] = [("png", 0.0), ("h264 23", 23.0), ("h264 28", 2
 ///
 /// # Errors
 /// When they cannot be written.
-pub fn write(out: &Path, rows: &[Reading], command: &str, device: &Device) -> Result<Vec<PathBuf>, EngineError> {
+pub fn write(out: &Path, rows: &[Reading], command: &str, devices: Vec<String>) -> Result<Vec<PathBuf>, EngineError> {
     std::fs::create_dir_all(out)
         .map_err(|error| EngineError::CannotCreate { path: out.to_path_buf(), reason: error.to_string() })?;
-    let devices = vec![device.info().name.clone()];
     let parts = [
         ("tracing", films(rows)),
         ("stamping", strengths(rows)),
