@@ -23,7 +23,9 @@ const REFUSED: usize = 3;
 const STILL_PX: f64 = 0.01;
 /// The same of steps that cost many pictures: a fifth of what is asked of cameras by the best of them.
 const STILL_EXACT_PX: f64 = 0.03;
-/// Pixels of the asset under which what is alike may be by chance.
+/// How many bounds a difference is beyond which something is before the asset: four deviations.
+const BEFORE_IT: f64 = 3.0;
+/// Pixels of the asset and its outline under which what is alike may be by chance.
 const LEAST_SEEN: f64 = 150.0;
 /// How far parameters are moved to see what they do, px.
 const PROBE_PX: f64 = 0.1;
@@ -125,11 +127,17 @@ impl Compared {
         weights(&self.left.residual, bound)
     }
 
-    /// How alike the gradients are where the asset is drawn: what else a film shows, a logo or what is behind, says
-    /// nothing of where it was taken. The fewer pixels that are the less.
-    fn likeness(&self, film: &Gray) -> f64 {
-        let near = self.drawn.outlined();
-        (self.drawn.seen() as f64 / LEAST_SEEN).min(1.0) * correlation_where(film, &self.left.shown, |at| near[at])
+    /// How alike the gradients are where the asset is drawn and nothing before it: what else a film shows, a logo or
+    /// what is behind, says nothing of where it was taken. The fewer pixels that are the less.
+    fn likeness(&self, film: &Gray, bound: f64) -> f64 {
+        let fits = |r: &f64| f32::from(u8::from(r.abs() <= BEFORE_IT * bound));
+        let fits = Gray { values: self.left.residual.iter().map(fits).collect(), ..*film };
+        // A gradient is of a pixel and those beside it.
+        let fits = fits.least_within(1).values;
+        let counts: Vec<bool> =
+            self.drawn.outlined().iter().zip(fits).map(|(near, fits)| *near && fits > 0.0).collect();
+        let counted = counts.iter().filter(|counts| **counts).count() as f64;
+        (counted / LEAST_SEEN).min(1.0) * correlation_where(film, &self.left.shown, |at| counts[at])
     }
 }
 
@@ -179,7 +187,7 @@ pub fn align(stage: &mut Stage, film: &Gray, begun: &Pose, plan: Plan) -> Result
     let normal = slope.normal(&at, bound, 0.0);
     let lens_weight = if plan.lens { normal.known(LENS) / at.cost(bound) } else { 0.0 };
     let tied = if plan.time && stage.moves() { normal.matrix[(TIME, TIME)] / normal.known(TIME) } else { 1.0 };
-    let correlation = at.likeness(&target.picture);
+    let correlation = at.likeness(&target.picture, bound);
     Ok(Fit { pose, cost: at.cost(bound), correlation, lens_weight, tied })
 }
 

@@ -238,12 +238,6 @@ impl Drawn {
         Self { picture, clear }
     }
 
-    /// How many pixels the asset is seen in.
-    #[must_use]
-    pub fn seen(&self) -> usize {
-        self.clear.values.iter().filter(|clear| is_seen(**clear)).count()
-    }
-
     /// Which pixels are of the asset and of its outline.
     #[must_use]
     pub fn outlined(&self) -> Vec<bool> {

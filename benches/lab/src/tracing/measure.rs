@@ -11,7 +11,7 @@ use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::fingerprint::power::unspoilt_score;
 use guard4d_engine::fingerprint::seen::Seen;
 use guard4d_engine::fingerprint::shot::Shot;
-use guard4d_engine::fingerprint::trace::{Decoys, Scorer};
+use guard4d_engine::fingerprint::trace::{DECOY_BINS, Decoys, Scorer};
 use guard4d_engine::scene::Model;
 use guard4d_kernels::Device;
 use serde::{Deserialize, Serialize};
@@ -70,6 +70,18 @@ pub struct Reading {
     pub decoy_mean: f64,
     /// See `decoy_mean`.
     pub decoy_variance: f64,
+    /// Of 20,000 decoys, how many score more than 2, 3 and 3.5 deviations, and how many the bound allows.
+    pub over_2: u64,
+    /// See `over_2`.
+    pub bound_2: f64,
+    /// See `over_2`.
+    pub over_3: u64,
+    /// See `over_2`.
+    pub bound_3: f64,
+    /// See `over_2`.
+    pub over_3_5: u64,
+    /// See `over_2`.
+    pub bound_3_5: f64,
     /// To gather, estimate and score, seconds.
     pub seconds: f64,
 }
@@ -162,7 +174,13 @@ fn score(
     reading.wrong = best.iter().filter(|scored| scored.score >= required).count();
     let shared = code.shared_score(&chips)?;
     reading.t_shared = shared.score / shared.chance.deviation();
-    let Decoys { mean, variance, .. } = scorer.decoys(DECOYS)?;
-    (reading.decoy_mean, reading.decoy_variance) = (mean, variance);
+    let decoys = scorer.decoys(DECOYS)?;
+    (reading.decoy_mean, reading.decoy_variance) = (decoys.mean, decoys.variance);
+    // Bins are half a deviation wide and go as far below 0 as above.
+    let over = |half_deviations: usize| decoys.counts[DECOY_BINS / 2 + half_deviations..].iter().sum::<u64>();
+    let bound = |t: f64| DECOYS as f64 * chance.log_tail(t * chance.deviation()).bound.exp();
+    (reading.over_2, reading.bound_2) = (over(4), bound(2.0));
+    (reading.over_3, reading.bound_3) = (over(6), bound(3.0));
+    (reading.over_3_5, reading.bound_3_5) = (over(7), bound(3.5));
     Ok(reading)
 }
