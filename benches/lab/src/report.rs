@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
 use guard4d_engine::base::output::{AtomicFile, Existing};
 use guard4d_engine::error::EngineError;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -24,6 +26,15 @@ pub struct Report {
     pub tables: Vec<Table>,
 }
 
+/// A picture and what it shows.
+#[derive(Clone, Debug)]
+pub struct Pictured {
+    /// In words.
+    pub caption: String,
+    /// The file.
+    pub png: Vec<u8>,
+}
+
 /// The whole as JSON.
 #[derive(Serialize)]
 struct Printed<'a> {
@@ -35,7 +46,7 @@ struct Printed<'a> {
 
 const STYLE: &str = "body{font-family:sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;line-height:1.45}\
 table{border-collapse:collapse;margin:.6em 0 1.6em}td,th{border:1px solid #ccc;padding:.25em .6em;text-align:left}\
-th{background:#f3f3f3}code{background:#f3f3f3}svg{max-width:100%;height:auto}";
+th{background:#f3f3f3}code{background:#f3f3f3}svg,img{max-width:100%;height:auto}figure{margin:1em 0}";
 
 /// Where figures come from.
 #[derive(Clone, Debug)]
@@ -56,10 +67,24 @@ impl Report {
     /// # Errors
     /// When they cannot be written.
     pub fn write(&self, out: &Path, name: &str, origin: &Origin<'_>) -> Result<PathBuf, EngineError> {
+        self.write_illustrated(out, name, origin, &[])
+    }
+
+    /// The same, with pictures at the end of the page.
+    ///
+    /// # Errors
+    /// When they cannot be written.
+    pub fn write_illustrated(
+        &self,
+        out: &Path,
+        name: &str,
+        origin: &Origin<'_>,
+        pictures: &[Pictured],
+    ) -> Result<PathBuf, EngineError> {
         let printed = Printed { command: origin.command, report: self, readings: &origin.readings };
         let json = serde_json::to_string_pretty(&printed).expect("numbers and words are valid JSON");
         let charts: Vec<String> = self.charts.iter().map(Chart::svg).collect();
-        let html = self.page(origin, &charts).into_string();
+        let html = self.page(origin, &charts, pictures).into_string();
         let page = out.join(format!("{name}.html"));
         for (path, text) in [
             (&out.join(format!("{name}.json")), &json),
@@ -72,7 +97,7 @@ impl Report {
     }
 
     /// One page that needs no other file; `charts` are pictures as SVG.
-    fn page(&self, origin: &Origin<'_>, charts: &[String]) -> Markup {
+    fn page(&self, origin: &Origin<'_>, charts: &[String], pictures: &[Pictured]) -> Markup {
         let Origin { command, rules, devices, .. } = origin;
         html! {
             (DOCTYPE)
@@ -89,6 +114,12 @@ impl Report {
                     p { code { (command) } br; (devices.join("; ")) }
                     @for chart in charts { (PreEscaped(chart)) }
                     @for table in &self.tables { (table) }
+                    @for Pictured { caption, png } in pictures {
+                        figure {
+                            img src={ "data:image/png;base64," (BASE64_STANDARD.encode(png)) } alt=(caption);
+                            figcaption { (caption) }
+                        }
+                    }
                 }
             }
         }
@@ -105,8 +136,11 @@ mod tests {
         let table = Table { title: words(), note: words(), head: vec![words()], rows: vec![vec![words()]] };
         let report = Report { title: words(), intro: words(), charts: Vec::new(), tables: vec![table] };
         let origin = Origin { command: &words(), rules: &words(), devices: vec![words()], readings: Value::Null };
-        let page = report.page(&origin, &["<svg></svg>".to_owned()]).into_string();
+        let page = report
+            .page(&origin, &["<svg></svg>".to_owned()], &[Pictured { caption: words(), png: vec![1] }])
+            .into_string();
         assert!(!page.contains("<b>") && page.contains("<td>&lt;b&gt;&amp;&quot;</td>"), "{page}");
+        assert!(page.contains("src=\"data:image/png;base64,AQ==\""), "{page}");
         assert!(page.contains("<svg></svg>") && page.contains("td,th{"), "pictures and style are themselves: {page}");
     }
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::files::bad_data;
+use super::files::{bad_data, read_file};
 use super::output::{AtomicFile, Existing};
 use crate::error::EngineError;
 
@@ -73,6 +73,16 @@ impl<R: Default + Serialize + DeserializeOwned> Ledger<R> {
     pub fn newest(&self, is_it: impl Fn(&R) -> bool) -> Option<&R> {
         self.rows.iter().rev().find(|row| is_it(row))
     }
+}
+
+/// Reads a table that is not added to. Its columns may stand in any order; those of optional figures may be missing.
+///
+/// # Errors
+/// [`EngineError::MissingInput`] without the file, [`EngineError::BadData`] when a line is no such row.
+pub fn read<R: DeserializeOwned>(path: &Path, expected: &str) -> Result<Vec<R>, EngineError> {
+    let bytes = read_file(path, expected)?;
+    let rows = csv::Reader::from_reader(bytes.as_slice()).into_deserialize().collect::<Result<_, _>>();
+    rows.map_err(|error| bad_data(path, "rows", error, expected))
 }
 
 /// Whether the names of the columns stand above the rows.

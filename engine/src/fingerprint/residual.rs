@@ -24,42 +24,62 @@ const UNCOVERED: f32 = 0.98;
 const LUMA: [f32; CHANNELS] = [0.299, 0.587, 0.114];
 /// Least share of a picture that has to be background, and that has to be wholly covered, to tell another one.
 const SEEN: f64 = 0.005;
+/// Least final transmittance of a pixel that tells what is behind the asset.
+const CLEAR: f32 = 0.5;
 /// Largest final transmittance of a pixel that is wholly covered.
 const COVERED: f32 = 0.1;
-/// Levels, of 1, by which a background has to differ to be another, and in which half of its pixels have to lie to be
-/// one colour.
+/// Levels, of 1, by which a background has to differ to be another.
 const OTHER: f32 = 0.1;
+/// How far a background may be from what is expected to be that: codecs and noise.
 const EVEN: f32 = 0.06;
+/// Percent of a background's pixels that tell how far it is from that: a logo in it is less than the rest.
+const MOST: usize = 80;
 
-/// The background of a film in the colours of the model, where it is one colour and not the model's own.
-pub(super) fn background(frame: &Frame, clean: &[f32], own: [f32; 3]) -> Option<[f32; 3]> {
-    let pixels = || frame.rgb().chunks_exact(CHANNELS).zip(clean.chunks_exact(4));
-    let mut found = own;
-    let mut is_other = false;
-    for (channel, found) in found.iter_mut().enumerate() {
-        let level = |levels: &[u8]| f32::from(levels[channel]) / 255.0;
-        let bare = pixels().filter(|(_, pixel)| pixel[CHANNELS] > UNCOVERED);
-        let mut bare: Vec<f32> = bare.map(|(levels, _)| level(levels)).collect();
-        let covered = pixels()
-            .filter(|(levels, pixel)| pixel[CHANNELS] < COVERED && levels.iter().all(|level| BETWEEN.contains(level)));
-        let covered: Vec<Level> =
-            covered.map(|(levels, pixel)| Level { film: level(levels), clean: pixel[channel] }).collect();
-        if (bare.len().min(covered.len()) as f64) < SEEN * (clean.len() / 4) as f64 {
-            return None;
-        }
-        bare.sort_by(f32::total_cmp);
-        let quarter = |i: usize| bare[i * (bare.len() - 1) / 4];
-        if quarter(3) - quarter(1) > EVEN {
+/// What is behind the asset in one channel of a film, as far as that shows through.
+struct Behind {
+    /// By how much each clear enough pixel is lighter there than expected: by the levels of what is covered, or by the
+    /// model's own, whichever is nearer. Films end at black and white, and so may a background that was made brighter;
+    /// and what bends levels leaves both ends where they are.
+    off: Vec<f32>,
+    /// The film's levels, by what is covered.
+    fit: Line,
+}
+
+impl Behind {
+    /// None where too little of the asset, or too little beside it, is seen.
+    fn seen(frame: &Frame, clean: &[f32], channel: usize) -> Option<Self> {
+        let pixels =
+            || levels(frame, clean, channel).zip(frame.rgb().chunks_exact(CHANNELS)).zip(clean.chunks_exact(4));
+        let covered = pixels().filter(|((_, levels), pixel)| {
+            pixel[CHANNELS] < COVERED && levels.iter().all(|level| BETWEEN.contains(level))
+        });
+        let covered: Vec<Level> = covered.map(|((level, _), _)| level).collect();
+        let clear = pixels().filter(|(_, pixel)| pixel[CHANNELS] > CLEAR).count();
+        if (clear.min(covered.len()) as f64) < SEEN * (clean.len() / 4) as f64 {
             return None;
         }
         let fit = Line::through(covered.into_iter());
-        // Films end at black and white, and so may a background that was made brighter; and what bends levels leaves
-        // both ends where they are.
-        let own = [own[channel], fit.at(own[channel]).clamp(0.0, 1.0)];
-        let is_own = own.iter().any(|own| (quarter(2) - own).abs() < OTHER);
-        is_other |= !is_own;
-        if !is_own && fit.slope > 0.0 {
-            *found = narrow((f64::from(quarter(2)) - fit.start) / fit.slope).clamp(0.0, 1.0);
+        let off = |((Level { film, clean }, _), pixel): ((Level, &[u8]), &[f32])| {
+            let clear = pixel[CHANNELS];
+            let off = [clean, fit.at(clean)].map(|expected| (film - expected.clamp(0.0, 1.0)) / clear);
+            (clear > CLEAR).then_some(if off[0].abs() < off[1].abs() { off[0] } else { off[1] })
+        };
+        let off = pixels().filter_map(off).collect();
+        Some(Self { off, fit })
+    }
+}
+
+/// The background of a film in the colours of the model, where it is not the model's own: its middle colour.
+pub(super) fn background(frame: &Frame, clean: &[f32], own: [f32; 3]) -> Option<[f32; 3]> {
+    let mut found = own;
+    let mut is_other = false;
+    for (channel, found) in found.iter_mut().enumerate() {
+        let Behind { mut off, fit } = Behind::seen(frame, clean, channel)?;
+        off.sort_by(f32::total_cmp);
+        let middle = off[(off.len() - 1) / 2];
+        if middle.abs() >= OTHER && fit.slope > 0.0 {
+            is_other = true;
+            *found = narrow(f64::from(*found) + f64::from(middle) / fit.slope).clamp(0.0, 1.0);
         }
     }
     is_other.then_some(found)
@@ -121,11 +141,24 @@ pub(super) fn as_shown(frame: &Frame, clean: &[f32]) -> Vec<u8> {
 
 /// Where film and asset can be compared.
 pub(super) fn counted(frame: &Frame, clean: &[f32]) -> Vec<bool> {
+    let clearest = clearest(frame, clean);
     let pixels = frame.rgb().chunks_exact(CHANNELS).zip(clean.chunks_exact(4));
     let counts = |(levels, pixel): (&[u8], &[f32])| {
-        levels.iter().all(|level| BETWEEN.contains(level)) && pixel[CHANNELS] <= UNCOVERED
+        levels.iter().all(|level| BETWEEN.contains(level)) && pixel[CHANNELS] <= clearest
     };
     pixels.map(counts).collect()
+}
+
+/// The largest final transmittance of pixels that count. Where a film has something else behind the asset, what shows
+/// through is a difference of its own: the more that is, the less of it may show through.
+fn clearest(frame: &Frame, clean: &[f32]) -> f32 {
+    let channels: Option<Vec<Behind>> = (0..CHANNELS).map(|channel| Behind::seen(frame, clean, channel)).collect();
+    let Some(channels) = channels else { return UNCOVERED };
+    let luma = |at: usize| channels.iter().zip(LUMA).map(|(behind, weight)| weight * behind.off[at]).sum::<f32>();
+    let mut off: Vec<f32> = (0..channels[0].off.len()).map(|at| luma(at).abs()).collect();
+    off.sort_by(f32::total_cmp);
+    let most = off[off.len() * MOST / 100];
+    if most > EVEN { (LIMIT / most).min(UNCOVERED) } else { UNCOVERED }
 }
 
 /// A channel of all pixels.

@@ -50,6 +50,8 @@ pub struct Stage {
     rough: bool,
     film_drawn_at: u32,
     places: Places,
+    /// The plan that was made last: places are asked for where a picture was drawn.
+    planned: Option<Planned>,
     /// Offsets with which the colours of a moment are places, of the moment that was asked last.
     as_places: Option<(Arc<SplatState>, Buffer<f32>)>,
 }
@@ -82,6 +84,7 @@ impl Stage {
             rough: true,
             film_drawn_at: 1,
             places,
+            planned: None,
             as_places: None,
         })
     }
@@ -193,10 +196,27 @@ impl Stage {
         Ok(sums.into_iter().map(point).collect())
     }
 
-    fn plan(&mut self, pose: &Pose, size: FrameSize) -> Result<FramePlan, EngineError> {
+    fn plan(&mut self, pose: &Pose, size: FrameSize) -> Result<Arc<FramePlan>, EngineError> {
+        let known = self.planned.as_ref();
+        if let Some(known) =
+            known.filter(|known| known.pose == *pose && known.size == size && known.rough == self.rough)
+        {
+            return Ok(Arc::clone(&known.plan));
+        }
         let state = self.at(pose.time)?;
-        self.renderer.plan(&state, &pose.camera(self.middle(), size), Prune::Keep)
+        let plan = Arc::new(self.renderer.plan(&state, &pose.camera(self.middle(), size), Prune::Keep)?);
+        self.planned = Some(Planned { pose: *pose, size, rough: self.rough, plan: Arc::clone(&plan) });
+        Ok(plan)
     }
+}
+
+/// A plan and what it was made for.
+#[derive(Debug)]
+struct Planned {
+    pose: Pose,
+    size: FrameSize,
+    rough: bool,
+    plan: Arc<FramePlan>,
 }
 
 fn middle(look_at: LookAt) -> Middle {

@@ -63,7 +63,8 @@ pub(super) fn run(args: &ChipsArgs, host: &dyn Host) -> Result<(), EngineError> 
     let folder = args.delivered.join(MARKED);
     let file = args.original.file_name().filter(|_| args.original.is_file()).map(|name| folder.join(name));
     let marked = file.filter(|file| file.is_file()).unwrap_or(folder);
-    let (original, marked) = (Model::open_in_kind(&args.original)?, Model::open_in_kind(&marked)?);
+    // As `embed` and `verify` open them: the chips are of the original as a copy of it is written.
+    let (original, marked) = (Model::open(&args.original)?, Model::open(&marked)?);
     let issue = Issue::of_owner(&original, key.prf(), chips.strength);
     let asset = args.original.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let folder = tempfile::tempdir().map_err(|source| EngineError::Io { path: std::env::temp_dir(), source })?;

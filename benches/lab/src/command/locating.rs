@@ -2,13 +2,14 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use guard4d_engine::base::ledger::Ledger;
 use guard4d_engine::base::prf::{MasterSecret, Prf};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::fidelity::{DEFAULT_PSNR_DB, strength_for};
 use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::locate::film::Locator;
+use guard4d_kernels::Device;
 
 use super::host::Host;
 use crate::locating::attack::Attack;
@@ -22,70 +23,93 @@ use crate::tracing::leak::Leak;
 pub(super) struct LocatingArgs {
     /// Models, or demo
     #[arg(required = true, value_name = "MODEL")]
-    models: Vec<SceneSource>,
+    pub(super) models: Vec<SceneSource>,
     /// Films of each, drawn at random
     #[arg(long, value_name = "N", default_value_t = 30)]
-    films: u64,
+    pub(super) films: u64,
     /// Number of the first
     #[arg(long, value_name = "N", default_value_t = 0)]
-    first: u64,
+    pub(super) first: u64,
     /// What is done to them
     #[arg(long, value_enum, value_delimiter = ',', default_value = "none")]
-    attack: Vec<Attack>,
+    pub(super) attack: Vec<Attack>,
     /// Look for another asset in them, which must not be found
     #[arg(long, value_name = "MODEL")]
-    other: Option<SceneSource>,
+    pub(super) other: Option<SceneSource>,
     /// Frames of a film
     #[arg(long, default_value_t = 48)]
-    frames: u32,
+    pub(super) frames: u32,
     /// Table of readings; it grows, and what it has is not measured again
     #[arg(long, value_name = "FILE")]
-    out: PathBuf,
+    pub(super) out: PathBuf,
+    /// Folder for a picture of each film that is found: the film, the original from there, what differs, and what the
+    /// film says of each splat
+    #[arg(long, value_name = "FOLDER")]
+    pub(super) pictures: Option<PathBuf>,
 }
 
 pub(super) fn run(args: &LocatingArgs, host: &dyn Host) -> Result<(), EngineError> {
     host.listen();
     let device = host.open()?;
+    let table = measure(args, &device, host)?;
+    let (found, all) = (table.rows().iter().filter(|row| row.found).count(), table.rows().len());
+    host.print(&serde_json::json!({ "found": found, "films": all }), &format!("{found} of {all} films found"))
+}
+
+/// Measures what the table does not have; all that it has then.
+pub(super) fn measure(
+    args: &LocatingArgs,
+    device: &Device,
+    host: &dyn Host,
+) -> Result<Ledger<LocatedRow>, EngineError> {
     let mut table: Ledger<LocatedRow> = Ledger::open(&args.out)?;
     let folder = tempfile::tempdir().map_err(|source| EngineError::Io { path: std::env::temp_dir(), source })?;
     let other = args.other.as_ref().map(SceneSource::open_in_kind).transpose()?;
+    if let Some(path) = &args.pictures {
+        std::fs::create_dir_all(path)
+            .map_err(|error| EngineError::CannotCreate { path: path.clone(), reason: error.to_string() })?;
+    }
     for source in &args.models {
         let (model, asset) = (source.open_in_kind()?, source.to_string());
         let prf = Prf::new(&MasterSecret::from_bytes([1; 32]));
         let mut issue = Issue::new(&model, prf.clone(), 1.0);
-        let strength = strength_for(&device, Issue::new(&model, prf, 1.0), DEFAULT_PSNR_DB)?;
+        let strength = strength_for(device, Issue::new(&model, prf, 1.0), DEFAULT_PSNR_DB)?;
         issue = issue.with_strength(strength);
         let leaked = Leak::Copy.gaussians(&issue);
-        let mut locator = Locator::new(&device, other.as_ref().unwrap_or(&model))?;
+        let mut locator = Locator::new(device, other.as_ref().unwrap_or(&model))?;
         for (number, attack) in (0..args.films).flat_map(|film| args.attack.iter().map(move |attack| (film, *attack))) {
             if host.is_stopped() {
                 return Err(EngineError::Stopped);
             }
-            let of = attack.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default();
+            let of = attack.name();
             let number = args.first + number;
             if table.newest(|row| row.asset == asset && row.film == number && row.attack == of).is_some() {
                 continue;
             }
             let shots = shots(&model, number, args.frames)?;
-            let case = Case { device: &device, issue: &issue, leaked: &leaked, attack };
-            let row = measure::film(&case, &mut locator, &shots, folder.path())?;
-            let row = LocatedRow { asset: asset.clone(), film: number, attack: of, ..row };
-            host.note(&format!(
-                "{asset} {number} {}: found {}, {:.2} px, {:.4} of the motion, {:.0} % near, likeness {:.2}, \
-                 T {:.1} of {:.1}, {:.0} s",
-                row.attack,
-                row.found,
-                row.error_px,
-                row.error_time,
-                100.0 * row.near,
-                row.likeness,
-                row.t,
-                row.t_true,
-                row.seconds
-            ));
+            let case = Case { device, issue: &issue, leaked: &leaked, attack, pictures: args.pictures.as_deref() };
+            let named = LocatedRow { asset: asset.clone(), film: number, attack: of, ..LocatedRow::default() };
+            let row = measure::film(&case, &mut locator, &shots, folder.path(), named)?;
+            host.note(&told(&row));
             table.append(vec![row])?;
         }
     }
-    let (found, all) = (table.rows().iter().filter(|row| row.found).count(), table.rows().len());
-    host.print(&serde_json::json!({ "found": found, "films": all }), &format!("{found} of {all} films found"))
+    Ok(table)
+}
+
+fn told(row: &LocatedRow) -> String {
+    format!(
+        "{} {} {}: found {}, {:.2} px, {:.4} of the motion, {:.0} % near, likeness {:.2}, T {:.1} of {:.1}, {:.0} s",
+        row.asset,
+        row.film,
+        row.attack,
+        row.found,
+        row.error_px,
+        row.error_time,
+        100.0 * row.near,
+        row.likeness,
+        row.t,
+        row.t_true,
+        row.seconds
+    )
 }

@@ -1,12 +1,12 @@
 //! `guard4d lab study`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use guard4d_engine::base::files::read_file;
-use guard4d_engine::base::ledger::Ledger;
+use clap::{Args, ValueEnum as _};
+use guard4d_engine::base::files::bad_data;
+use guard4d_engine::base::ledger::read;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::fidelity::DEFAULT_PSNR_DB;
 use guard4d_engine::networks::clip::ClipSource;
@@ -16,21 +16,30 @@ use guard4d_engine::watermark::extractor::pretrained::PretrainedExtractor;
 use serde_json::json;
 
 use super::host::Host;
+use super::locating::{self, LocatingArgs};
 use super::tracing::{self, Part, TracingArgs};
-use crate::study::{SUBSTUDIES, Scale, SceneSource, Step, Study, Substudy, redraw};
+use crate::locating::attack::Attack;
+use crate::locating::measure::LocatedRow;
+use crate::locating::pages as leaks;
+use crate::study::{SUBSTUDIES, Scale, SceneSource, Step, Study, Substudy, redraw, substudies_in};
 use crate::tracing::measure::Reading;
 use crate::tracing::pages;
 
 /// The word for all parts.
 const ALL: &str = "all";
 /// Parts that are made of stamped copies instead of embeddings, each with a page of its name.
-const COPIES: [Copies; 3] = [
+const OF_COPIES: [Copies; 3] = [
     Copies { name: "stamping", about: "Stamped copies, at several strengths", part: Part::Stamping },
     Copies { name: "tracing", about: "Stamped copies, in all films", part: Part::Films },
     Copies { name: "collusion", about: "Stamped copies that were mixed", part: Part::Collusion },
 ];
 /// Readings of copies, in the folder of a study.
 const COPIES_CSV: &str = "copies.csv";
+const LEAKS_CSV: &str = "leaks.csv";
+const LEAKS: &str = "the readings of a study's leaks, as it writes them";
+/// Films of each asset that leak, and for a quick look.
+const LEAKS_OF_EACH: u64 = 10;
+const QUICK_LEAKS: u64 = 1;
 /// Frames of a film of a copy, and their side, px; and the same for a quick look, which is taken at some films only.
 const FRAMES: u32 = 24;
 const SIDE_PX: u32 = 400;
@@ -44,8 +53,8 @@ const MEASURING: [&str; 11] =
 #[derive(Args, Debug)]
 pub(super) struct StudyArgs {
     /// What to measure
-    #[arg(required = true, value_parser = parts())]
-    what: Vec<Parts>,
+    #[arg(required = true, value_parser = words())]
+    what: Vec<Word>,
     /// Folder for readings, keys and reports; what is there is gone on with
     #[arg(long)]
     out: PathBuf,
@@ -101,50 +110,137 @@ struct Copies {
     part: Part,
 }
 
-/// What one word names.
-#[derive(Clone, Debug)]
-struct Parts {
-    of_marks: Vec<Substudy>,
-    of_copies: Vec<Copies>,
+/// One part of a study.
+#[derive(Clone, Copy, Debug)]
+enum Measured {
+    Marks(Substudy),
+    Copies(Copies),
+    /// Copies that leaked in films of which nothing else is known.
+    Leaks,
 }
 
-/// Reads a part's name, or the word for all of them.
-fn parts() -> impl TypedValueParser<Value = Parts> {
-    let known = SUBSTUDIES.map(|part| PossibleValue::new(part.name).help(part.about)).into_iter();
-    let copies = COPIES.map(|part| PossibleValue::new(part.name).help(part.about));
-    let words = known.chain(copies).chain([PossibleValue::new(ALL).help("All of them")]);
-    PossibleValuesParser::new(words).try_map(|word| {
-        let copies = |is_it: &dyn Fn(&Copies) -> bool| COPIES.into_iter().filter(|part| is_it(part)).collect();
-        match word.as_str() {
-            ALL => Ok(Parts { of_marks: SUBSTUDIES.to_vec(), of_copies: copies(&|_| true) }),
-            name if COPIES.iter().any(|part| part.name == name) => {
-                Ok(Parts { of_marks: Vec::new(), of_copies: copies(&|part| part.name == name) })
-            }
-            name => name.parse().map(|part| Parts { of_marks: vec![part], of_copies: Vec::new() }),
+impl Measured {
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Marks(part) => part.name,
+            Self::Copies(part) => part.name,
+            Self::Leaks => leaks::NAME,
         }
-    })
+    }
+
+    fn about(&self) -> &'static str {
+        match self {
+            Self::Marks(part) => part.about,
+            Self::Copies(part) => part.about,
+            Self::Leaks => "Stamped copies in films from unknown cameras",
+        }
+    }
+
+    /// All, in the order in which they are measured.
+    fn all() -> impl Iterator<Item = Self> {
+        SUBSTUDIES.into_iter().map(Self::Marks).chain(OF_COPIES.map(Self::Copies)).chain([Self::Leaks])
+    }
+}
+
+/// What is asked for by one word.
+#[derive(Clone, Copy, Debug)]
+enum Word {
+    All,
+    One(Measured),
+}
+
+fn words() -> impl TypedValueParser<Value = Word> {
+    let known = Measured::all().map(|part| PossibleValue::new(part.name()).help(part.about()));
+    let words = PossibleValuesParser::new(known.chain([PossibleValue::new(ALL).help("All of them")]));
+    words.map(|word| Measured::all().find(|part| part.name() == word).map_or(Word::All, Word::One))
 }
 
 pub(super) fn run(args: &StudyArgs, host: &dyn Host) -> Result<(), EngineError> {
-    let mut what: Vec<Substudy> = args.what.iter().flat_map(|parts| parts.of_marks.clone()).collect();
-    what.dedup_by_key(|part| part.name);
-    let mut copies: Vec<Copies> = args.what.iter().flat_map(|parts| parts.of_copies.clone()).collect();
-    copies.dedup_by_key(|part| part.name);
-    let command = std::env::args().collect::<Vec<_>>().join(" ");
     host.listen();
-    let mut written = match &args.redraw {
-        Some(rows) => what.iter().map(|part| redraw(part, rows, &args.out, &command)).collect::<Result<Vec<_>, _>>()?,
-        None if what.is_empty() => Vec::new(),
-        None => measure(args, &what, command.clone(), host)?,
+    let command = std::env::args().collect::<Vec<_>>().join(" ");
+    let written = match &args.redraw {
+        Some(rows) => redraw_parts(args, rows, &command)?,
+        None => {
+            let asked = Asked::of(args);
+            let mut written = match &asked.of_marks[..] {
+                [] => Vec::new(),
+                marks => measure_marks(args, marks, command.clone(), host)?,
+            };
+            if !asked.of_copies.is_empty() {
+                written.extend(measure_copies(args, &asked.of_copies, &command, host)?);
+            }
+            if asked.of_leaks {
+                written.push(measure_leaks(args, &command, host)?);
+            }
+            written
+        }
     };
-    if !copies.is_empty() {
-        written.extend(of_copies(args, &copies, &command, host)?);
-    }
     let words: Vec<String> = written.iter().map(|page| page.display().to_string()).collect();
     host.print(&json!({ "pages": words }), &words.join("\n"))
 }
 
-fn measure(args: &StudyArgs, what: &[Substudy], command: String, host: &dyn Host) -> Result<Vec<PathBuf>, EngineError> {
+/// What is asked for, once each.
+struct Asked {
+    of_marks: Vec<Substudy>,
+    of_copies: Vec<Copies>,
+    of_leaks: bool,
+}
+
+impl Asked {
+    fn of(args: &StudyArgs) -> Self {
+        let is_asked = |name: &str| {
+            args.what.iter().any(|word| match word {
+                Word::All => true,
+                Word::One(part) => part.name() == name,
+            })
+        };
+        Self {
+            of_marks: SUBSTUDIES.into_iter().filter(|part| is_asked(part.name)).collect(),
+            of_copies: OF_COPIES.into_iter().filter(|part| is_asked(part.name)).collect(),
+            of_leaks: is_asked(leaks::NAME),
+        }
+    }
+
+    /// Those of which a table has rows.
+    fn of_table(rows: &Path) -> Result<Self, EngineError> {
+        let mut all = Self { of_marks: substudies_in(rows)?, of_copies: Vec::new(), of_leaks: false };
+        if all.of_marks.is_empty() {
+            all.of_leaks = read::<LocatedRow>(rows, LEAKS).is_ok();
+            // What is none of all is refused as the last.
+            all.of_copies = if all.of_leaks { Vec::new() } else { OF_COPIES.to_vec() };
+        }
+        Ok(all)
+    }
+}
+
+/// Makes pages again. All parts are those that `rows` has.
+fn redraw_parts(args: &StudyArgs, rows: &Path, command: &str) -> Result<Vec<PathBuf>, EngineError> {
+    let all = args.what.iter().any(|word| matches!(word, Word::All));
+    let asked = if all { Asked::of_table(rows)? } else { Asked::of(args) };
+    let of_marks = asked.of_marks.iter().map(|part| redraw(part, rows, &args.out, command));
+    let mut written = of_marks.collect::<Result<Vec<_>, _>>()?;
+    if !asked.of_copies.is_empty() {
+        let readings: Vec<Reading> = read(rows, "the readings of a study's copies, as it writes them")?;
+        let pages = pages_of(&asked.of_copies, &args.out, &readings, command, Vec::new())?;
+        let missing = asked.of_copies.iter().find(|part| !all && !is_among(part, &pages));
+        if let Some(Copies { name, .. }) = missing {
+            return Err(bad_data(rows, "readings", format!("none of `{name}`"), "one at least"));
+        }
+        written.extend(pages);
+    }
+    if asked.of_leaks {
+        let (readings, pictures) = (read(rows, LEAKS)?, rows.with_file_name(leaks::NAME));
+        written.push(leaks::write(&args.out, &readings, &pictures, command, Vec::new())?);
+    }
+    Ok(written)
+}
+
+fn measure_marks(
+    args: &StudyArgs,
+    what: &[Substudy],
+    command: String,
+    host: &dyn Host,
+) -> Result<Vec<PathBuf>, EngineError> {
     let open = || host.open();
     let study = Study {
         scale: scale(args)?,
@@ -162,22 +258,56 @@ fn measure(args: &StudyArgs, what: &[Substudy], command: String, host: &dyn Host
     })
 }
 
-/// Measures stamped copies, or reads what was measured, and writes their pages.
-fn of_copies(args: &StudyArgs, parts: &[Copies], command: &str, host: &dyn Host) -> Result<Vec<PathBuf>, EngineError> {
-    let written = match &args.redraw {
-        Some(rows) => {
-            // A table that is not there would be begun.
-            read_file(rows, "the readings of a study's copies, as it writes them")?;
-            pages::write(&args.out, Ledger::<Reading>::open(rows)?.rows(), command, Vec::new())?
-        }
-        None => {
-            let device = host.open()?;
-            let table = tracing::measure(&tracing_args(args, parts)?, &device, host)?;
-            pages::write(&args.out, table.rows(), command, vec![device.info().name.clone()])?
-        }
-    };
-    let is_asked = |page: &PathBuf| parts.iter().any(|part| page.file_stem().is_some_and(|stem| stem == part.name));
+fn measure_copies(
+    args: &StudyArgs,
+    parts: &[Copies],
+    command: &str,
+    host: &dyn Host,
+) -> Result<Vec<PathBuf>, EngineError> {
+    let device = host.open()?;
+    let table = tracing::measure(&tracing_args(args, parts)?, &device, host)?;
+    pages_of(parts, &args.out, table.rows(), command, vec![device.info().name.clone()])
+}
+
+/// Writes the pages of some parts.
+fn pages_of(
+    parts: &[Copies],
+    out: &Path,
+    readings: &[Reading],
+    command: &str,
+    devices: Vec<String>,
+) -> Result<Vec<PathBuf>, EngineError> {
+    let written = pages::write(out, readings, command, devices)?;
+    let is_asked = |page: &PathBuf| parts.iter().any(|part| is_among(part, std::slice::from_ref(page)));
     Ok(written.into_iter().filter(is_asked).collect())
+}
+
+fn is_among(part: &Copies, pages: &[PathBuf]) -> bool {
+    pages.iter().any(|page| page.file_stem().is_some_and(|stem| stem == part.name))
+}
+
+/// Measures leaks and writes their page.
+fn measure_leaks(args: &StudyArgs, command: &str, host: &dyn Host) -> Result<PathBuf, EngineError> {
+    let device = host.open()?;
+    let pictures = args.out.join(leaks::NAME);
+    let Scale { scenes, quick, .. } = scale(args)?;
+    let is_wanted = |attack: &Attack| {
+        let name = attack.name();
+        if args.only.is_empty() { !quick } else { args.only.iter().any(|word| name.contains(word.as_str())) }
+    };
+    let attack: Vec<Attack> = Attack::value_variants().iter().copied().filter(is_wanted).collect();
+    let asked = LocatingArgs {
+        models: scenes,
+        films: if quick { QUICK_LEAKS } else { LEAKS_OF_EACH },
+        first: 0,
+        attack: if attack.is_empty() { vec![Attack::None] } else { attack },
+        other: None,
+        frames: if quick { QUICK_FRAMES } else { FRAMES },
+        out: args.out.join(LEAKS_CSV),
+        pictures: Some(pictures.clone()),
+    };
+    let table = locating::measure(&asked, &device, host)?;
+    leaks::write(&args.out, table.rows(), &pictures, command, vec![device.info().name.clone()])
 }
 
 /// What `lab tracing` would be asked for.

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use clap::ValueEnum;
+use glam::DVec2;
 use guard4d_engine::base::numbers::narrow;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::media::codec::Codec;
@@ -12,6 +13,7 @@ use guard4d_engine::media::{Frame, ReadOptions, read_clip};
 use guard4d_engine::scene::{Camera, FrameSize};
 
 use super::film::Shots;
+use super::screen::Screen;
 use crate::tracing::film::{Spoilt, changed};
 
 /// Share of the sides that is kept, and how much of the rest is cut off before it.
@@ -55,9 +57,20 @@ pub enum Attack {
     Logo,
     /// Another background, with a pattern.
     Background,
+    /// Filmed once more from a screen, a little from the side.
+    Screen,
 }
 
 impl Attack {
+    /// As tables name it.
+    ///
+    /// # Panics
+    /// Never: none is hidden.
+    #[must_use]
+    pub fn name(self) -> String {
+        self.to_possible_value().expect("none is hidden").get_name().to_owned()
+    }
+
     /// Films that are spoilt, encoded and decoded, with the camera and moment of each frame.
     ///
     /// # Errors
@@ -128,8 +141,28 @@ impl Attack {
                 (0..frames.len()).filter(kept).map(|at| frames[at].clone()).collect()
             }
             Self::Logo => each(&|frame| with_logo(frame))?,
+            Self::Screen => each(&|frame| Screen::of(width, height).recorded(frame))?,
         };
         Ok(Spoilt { frames, shots })
+    }
+
+    /// Where a place that a camera sees is in the film, px.
+    #[must_use]
+    pub fn seen(self, camera: &Camera, place: DVec2) -> DVec2 {
+        if self == Self::Screen { Screen::of(camera.width, camera.height).seen(place) } else { place }
+    }
+
+    /// A film as its cameras took it: without the slant of a screen.
+    ///
+    /// # Errors
+    /// Never for frames that were read.
+    pub fn straightened(self, film: &Spoilt) -> Result<Spoilt, EngineError> {
+        let straight = |frame: &Frame| match self {
+            Self::Screen => Screen::of(frame.width(), frame.height()).undone(frame),
+            _ => Ok(frame.clone()),
+        };
+        let frames = film.frames.iter().map(straight).collect::<Result<_, _>>()?;
+        Ok(Spoilt { frames, shots: film.shots.clone() })
     }
 
     /// What is behind the asset at a pixel, where that is not its own background.

@@ -1,6 +1,6 @@
 //! Films from cameras that nobody knows.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use guard4d_engine::base::numbers::narrow;
 use guard4d_engine::base::prf::{MasterSecret, Prf, Purpose, uniform_unit};
 use guard4d_engine::error::EngineError;
@@ -82,8 +82,8 @@ fn index(number: f64) -> usize {
 
 /// Where a point is seen, for errors in pixels.
 #[must_use]
-pub fn seen(camera: &Camera, point: DVec3) -> Option<[f32; 2]> {
+pub fn seen(camera: &Camera, point: DVec3) -> Option<DVec2> {
     let (pixel, _) = camera.project(point.as_vec3())?;
     let inside = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < camera.width as f32 && pixel.y < camera.height as f32;
-    inside.then(|| pixel.to_array())
+    inside.then(|| pixel.as_dvec2())
 }

@@ -1,14 +1,17 @@
 //! One film, located: how far off that is.
 
 use std::num::NonZeroU32;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use glam::{DVec2, DVec3};
 use guard4d_engine::base::observer::Unobserved;
+use guard4d_engine::base::output::{AtomicFile, Existing};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::locate::film::Locator;
 use guard4d_engine::locate::reading::Reading;
+use guard4d_engine::media::png::png_bytes;
 use guard4d_engine::media::{Frame, ReadOptions};
 use guard4d_engine::render::SceneRenderer;
 use guard4d_engine::render::deform::DeformField;
@@ -18,6 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use super::attack::Attack;
 use super::film::{Shots, seen};
+use super::picture::sheet;
 use crate::tracing::film::Spoilt;
 use crate::tracing::leak::LEAKED;
 use crate::tracing::measure;
@@ -69,6 +73,14 @@ pub struct LocatedRow {
     pub seconds: f64,
 }
 
+impl LocatedRow {
+    /// Where its picture is kept.
+    #[must_use]
+    pub fn picture_in(&self, folder: &Path) -> PathBuf {
+        folder.join(format!("{}-{}-{}.png", self.asset, self.film, self.attack))
+    }
+}
+
 /// What is filmed, and what it is looked for in.
 #[derive(Debug)]
 pub struct Case<'a> {
@@ -80,13 +92,22 @@ pub struct Case<'a> {
     pub leaked: &'a Gaussians,
     /// What is done to the film.
     pub attack: Attack,
+    /// Folder for a picture of each film that is found.
+    pub pictures: Option<&'a Path>,
 }
 
-/// Films a copy, encodes the film, locates it, and traces it by the cameras that are found and by the true ones.
+/// Films a copy, encodes the film, locates it, and traces it by the cameras that are found and by the true ones; a row
+/// that has its name is filled in.
 ///
 /// # Errors
 /// When the device or ffmpeg fails.
-pub fn film(case: &Case<'_>, locator: &mut Locator, shots: &Shots, folder: &Path) -> Result<LocatedRow, EngineError> {
+pub fn film(
+    case: &Case<'_>,
+    locator: &mut Locator,
+    shots: &Shots,
+    folder: &Path,
+    named: LocatedRow,
+) -> Result<LocatedRow, EngineError> {
     let Case { device, issue, attack, .. } = *case;
     let spoilt = attack.apply(draw(case, shots)?, shots, folder)?;
     let path = folder.join("film.mkv");
@@ -100,7 +121,7 @@ pub fn film(case: &Case<'_>, locator: &mut Locator, shots: &Shots, folder: &Path
         height: first.height,
         frames: reading.frames,
         seconds: started.elapsed().as_secs_f64(),
-        ..LocatedRow::default()
+        ..named
     };
     let cameras = track.cameras(&reading, locator.stage().middle())?;
     let Some(cameras) = cameras.filter(|_| track.is_found()) else { return Ok(row) };
@@ -108,9 +129,13 @@ pub fn film(case: &Case<'_>, locator: &mut Locator, shots: &Shots, folder: &Path
     let row = compare(case, &spoilt, &cameras.clips().concat(), row)?;
     let pairs = spoilt.frames.iter().zip(&located).filter_map(|(frame, shot)| Some((frame.clone(), (*shot)?)));
     let (frames, shots) = pairs.unzip();
+    let as_located = Spoilt { frames, shots };
     let [with_true, with_found] =
-        [&spoilt, &Spoilt { frames, shots }].map(|spoilt| measure::film(device, issue, spoilt, &[LEAKED]));
+        [&attack.straightened(&spoilt)?, &as_located].map(|spoilt| measure::film(device, issue, spoilt, &[LEAKED]));
     let (with_true, with_found) = (with_true?, with_found?);
+    if let Some((folder, sheet)) = case.pictures.zip(sheet(device, issue.model(), &as_located)?) {
+        AtomicFile::write(&row.picture_in(folder), Existing::Replace, &png_bytes(&sheet))?;
+    }
     Ok(LocatedRow {
         known: located.iter().flatten().count(),
         likeness: median(track.frames.iter().flatten().map(|fit| fit.correlation).collect()),
@@ -136,8 +161,8 @@ fn compare(
         let stride = (splats.len() / SPLATS).max(1);
         let apart = splats.means.iter().step_by(stride).filter_map(|mean| {
             let point = glam::Vec3::from(*mean).as_dvec3();
-            let (a, b) = (seen(camera, point)?, project(found, point)?);
-            Some(f64::from((a[0] - b[0]).hypot(a[1] - b[1])))
+            let place = case.attack.seen(camera, seen(camera, point)?);
+            Some(place.distance(project(found, point)?))
         });
         errors.push(median(apart.collect()));
         times.push(f64::from((time - found_time).abs()));
@@ -155,8 +180,8 @@ fn compare(
     })
 }
 
-fn project(camera: &Camera, point: glam::DVec3) -> Option<[f32; 2]> {
-    camera.project(point.as_vec3()).map(|(pixel, _)| pixel.to_array())
+fn project(camera: &Camera, point: DVec3) -> Option<DVec2> {
+    camera.project(point.as_vec3()).map(|(pixel, _)| pixel.as_dvec2())
 }
 
 fn median(mut numbers: Vec<f64>) -> f64 {

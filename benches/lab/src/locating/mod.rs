@@ -3,3 +3,6 @@
 pub mod attack;
 pub mod film;
 pub mod measure;
+pub mod pages;
+pub mod picture;
+mod screen;

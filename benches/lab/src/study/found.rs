@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use csv::StringRecord;
 use guard4d_engine::base::files::{bad_data, read_file};
 use guard4d_engine::base::ledger::{self, Head};
 use guard4d_engine::error::EngineError;
@@ -49,28 +50,60 @@ impl Found {
     /// [`EngineError::MissingInput`] without the file, [`EngineError::BadData`] when a row is not one of a study, or
     /// there is none.
     pub(super) fn read_csv(path: &Path, part: &str) -> Result<Vec<Self>, EngineError> {
-        let bytes = read_file(path, "the rows of a study, as it writes them")?;
-        let bad = |error: csv::Error| bad_data(path, "rows", error, "the columns of this version");
-        let mut reader = csv::Reader::from_reader(bytes.as_slice());
-        let head = reader.headers().map_err(bad)?.clone();
-        let column = |wanted: &str| head.iter().position(|name| name == wanted);
-        let Some(arm) = column(ARM) else {
+        let table = Table::read(path)?;
+        let Some(arm) = table.column(ARM) else {
             return Err(bad_data(path, "columns", "none of them", format!("`{ARM}`")));
         };
-        let mut found = Vec::new();
-        for record in reader.records() {
-            let record = record.map_err(bad)?;
-            if column(PART).is_none_or(|place| &record[place] == part) {
-                let row = record.deserialize(Some(&head)).map_err(bad)?;
-                found.push(Self { arm: record[arm].to_owned(), row });
-            }
-        }
+        let of_part = table.records.iter().filter(|record| table.is_of(record, part));
+        let row = |record: &StringRecord| {
+            let row = record.deserialize(Some(&table.head)).map_err(|error| bad_rows(path, error))?;
+            Ok(Self { arm: record[arm].to_owned(), row })
+        };
+        let found = of_part.map(row).collect::<Result<Vec<_>, EngineError>>()?;
         if found.is_empty() {
             Err(bad_data(path, "rows", format!("none of `{part}`"), "one at least"))
         } else {
             Ok(found)
         }
     }
+
+    /// Of which of `parts` a file has rows: of all without a column that tells, and of none without arms.
+    ///
+    /// # Errors
+    /// [`EngineError::MissingInput`] without the file, [`EngineError::BadData`] when it is no table.
+    pub(super) fn parts_in<P>(path: &Path, parts: Vec<P>, name: impl Fn(&P) -> &str) -> Result<Vec<P>, EngineError> {
+        let table = Table::read(path)?;
+        let has = |part: &P| table.records.iter().any(|record| table.is_of(record, name(part)));
+        Ok(parts.into_iter().filter(|part| table.column(ARM).is_some() && has(part)).collect())
+    }
+}
+
+/// A CSV file.
+struct Table {
+    head: StringRecord,
+    records: Vec<StringRecord>,
+}
+
+impl Table {
+    fn read(path: &Path) -> Result<Self, EngineError> {
+        let bytes = read_file(path, "the rows of a study, as it writes them")?;
+        let bad = |error| bad_rows(path, error);
+        let mut reader = csv::Reader::from_reader(bytes.as_slice());
+        let head = reader.headers().map_err(bad)?.clone();
+        Ok(Self { head, records: reader.records().collect::<Result<_, _>>().map_err(bad)? })
+    }
+
+    fn column(&self, wanted: &str) -> Option<usize> {
+        self.head.iter().position(|name| name == wanted)
+    }
+
+    fn is_of(&self, record: &StringRecord, part: &str) -> bool {
+        self.column(PART).is_none_or(|place| &record[place] == part)
+    }
+}
+
+fn bad_rows(path: &Path, error: csv::Error) -> EngineError {
+    bad_data(path, "rows", error, "the columns of this version")
 }
 
 #[cfg(test)]
@@ -91,11 +124,14 @@ mod tests {
         let parts = ["part", "fit", "pareto"].iter().zip(csv.lines()).map(|(part, line)| format!("{part},{line}\n"));
         std::fs::write(&path, parts.collect::<String>()).expect("writable");
         assert_eq!(Found::read_csv(&path, "fit").expect("rows of two parts"), found[..1], "those of one");
+        let of = |parts: [&'static str; 2]| Found::parts_in(&path, parts.to_vec(), |part| part).expect("a table");
+        assert_eq!(of(["attacks", "pareto"]), ["pareto"], "of one of them");
         let refused = Found::read_csv(&path, "attacks").expect_err("rows of others").to_string();
         assert!(refused.contains("part.csv") && refused.contains("none of `attacks`"), "{refused}");
         std::fs::write(&path, csv.replacen("arm,", "leg,", 1)).expect("writable");
         let refused = Found::read_csv(&path, "fit").expect_err("no arms").to_string();
         assert!(refused.contains("part.csv") && refused.contains("`arm`"), "{refused}");
+        assert!(of(["fit", "pareto"]).is_empty(), "no table of a study");
         std::fs::write(&path, csv.replacen(",seed,", ",sede,", 1)).expect("writable");
         let refused = Found::read_csv(&path, "fit").expect_err("another version").to_string();
         assert!(refused.contains("seed"), "{refused}");

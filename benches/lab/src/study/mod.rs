@@ -20,5 +20,5 @@ pub use parts::{SUBSTUDIES, Substudy};
 pub use plan::{Arm, Cell, Machine, Scale, Take};
 pub use progress::{Step, Watcher};
 pub use row::Row;
-pub use run::{Study, redraw};
+pub use run::{Study, redraw, substudies_in};
 pub use scene::{SceneSource, Variant};

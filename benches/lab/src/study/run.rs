@@ -9,7 +9,7 @@ use guard4d_engine::networks::clip::ClipSource;
 
 use super::found::Found;
 use super::lab::{Lab, OpenDevice};
-use super::parts::Substudy;
+use super::parts::{SUBSTUDIES, Substudy};
 use super::plan::{Cell, Machine, Scale, Take};
 use super::progress::{Step, Watcher};
 use super::row::Row;
@@ -105,6 +105,15 @@ greatest over scenes and seeds. PSNR is of marked 8-bit frames against clean flo
 pub fn redraw(substudy: &Substudy, rows: &Path, out: &Path, command: &str) -> Result<PathBuf, EngineError> {
     let findings = Findings::of(Found::read_csv(rows, substudy.name)?);
     write_report(substudy, &findings, out, command)
+}
+
+/// Sub-studies that the CSV file `rows` has rows of; none where it holds something else. Without a column `part` it may
+/// be any.
+///
+/// # Errors
+/// [`EngineError::MissingInput`] and [`EngineError::BadData`] when it is not there or no table.
+pub fn substudies_in(rows: &Path) -> Result<Vec<Substudy>, EngineError> {
+    Found::parts_in(rows, SUBSTUDIES.to_vec(), |part| part.name)
 }
 
 fn write_report(substudy: &Substudy, findings: &Findings, out: &Path, command: &str) -> Result<PathBuf, EngineError> {

@@ -70,18 +70,19 @@ pub struct Reading {
     pub decoy_mean: f64,
     /// See `decoy_mean`.
     pub decoy_variance: f64,
-    /// Of 20,000 decoys, how many score more than 2, 3 and 3.5 deviations, and how many the bound allows.
-    pub over_2: u64,
+    /// Of 20,000 decoys, how many score more than 2, 3 and 3.5 deviations, and how many the bound allows; empty for
+    /// films of nobody's copy and in older tables.
+    pub over_2: Option<u64>,
     /// See `over_2`.
-    pub bound_2: f64,
+    pub bound_2: Option<f64>,
     /// See `over_2`.
-    pub over_3: u64,
+    pub over_3: Option<u64>,
     /// See `over_2`.
-    pub bound_3: f64,
+    pub bound_3: Option<f64>,
     /// See `over_2`.
-    pub over_3_5: u64,
+    pub over_3_5: Option<u64>,
     /// See `over_2`.
-    pub bound_3_5: f64,
+    pub bound_3_5: Option<f64>,
     /// To gather, estimate and score, seconds.
     pub seconds: f64,
 }
@@ -123,7 +124,7 @@ pub fn innocent_film(device: &Device, issue: &Issue<'_>, spoilt: &Spoilt) -> Res
 }
 
 /// What a film says, frame by frame.
-pub(super) fn expose(device: &Device, model: &Model, spoilt: &Spoilt) -> Result<Exposures, EngineError> {
+pub(crate) fn expose(device: &Device, model: &Model, spoilt: &Spoilt) -> Result<Exposures, EngineError> {
     let mut exposures = Exposures::new(device, model.gaussians.len())?;
     let mut look = None;
     for (frame, &(camera, time)) in spoilt.frames.iter().zip(&spoilt.shots) {
@@ -177,8 +178,8 @@ fn score(
     let decoys = scorer.decoys(DECOYS)?;
     (reading.decoy_mean, reading.decoy_variance) = (decoys.mean, decoys.variance);
     // Bins are half a deviation wide and go as far below 0 as above.
-    let over = |half_deviations: usize| decoys.counts[DECOY_BINS / 2 + half_deviations..].iter().sum::<u64>();
-    let bound = |t: f64| DECOYS as f64 * chance.log_tail(t * chance.deviation()).bound.exp();
+    let over = |half_deviations: usize| Some(decoys.counts[DECOY_BINS / 2 + half_deviations..].iter().sum::<u64>());
+    let bound = |t: f64| Some(DECOYS as f64 * chance.log_tail(t * chance.deviation()).bound.exp());
     (reading.over_2, reading.bound_2) = (over(4), bound(2.0));
     (reading.over_3, reading.bound_3) = (over(6), bound(3.0));
     (reading.over_3_5, reading.bound_3_5) = (over(7), bound(3.5));

@@ -1,9 +1,5 @@
 //! The table of sub-studies. A new one is a line of it.
 
-use std::str::FromStr;
-
-use guard4d_engine::error::EngineError;
-
 use super::{ablation, attacks, extractors, fit, methods, pareto, pretrained, stability};
 use crate::report::Report;
 use crate::study::plan::{Arm, Scale};
@@ -70,16 +66,3 @@ pub const SUBSTUDIES: [Substudy; 10] = [
         report: pretrained::report,
     },
 ];
-
-/// By its name.
-impl FromStr for Substudy {
-    type Err = EngineError;
-
-    fn from_str(text: &str) -> Result<Self, EngineError> {
-        SUBSTUDIES.into_iter().find(|part| part.name == text).ok_or_else(|| EngineError::Usage {
-            what: "part of a study".to_owned(),
-            got: text.to_owned(),
-            expected: SUBSTUDIES.map(|part| part.name).join(", "),
-        })
-    }
-}
