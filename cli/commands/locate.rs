@@ -5,17 +5,20 @@ use std::path::PathBuf;
 use std::sync::PoisonError;
 
 use clap::Args;
+use guard4d_engine::base::checkpoint;
 use guard4d_engine::base::output::AtomicFile;
+use guard4d_engine::base::tensor_file::TensorFile;
 use guard4d_engine::detect::exhibit::Beside;
 use guard4d_engine::detect::gathered::KnownFilm;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::locate::finding::{DEFAULT_FRAMES, Finding, LocateReport, Locating};
+use guard4d_engine::locate::so_far::Kept;
 use guard4d_engine::media::FrameSource;
 use guard4d_engine::media::png::png_bytes;
 
 use crate::flags::common::Common;
 use crate::flags::overwrite::Overwrite;
-use crate::shared::farm_job::{FarmJob, keep_in_records, out_and_input};
+use crate::shared::farm_job::{FarmJob, keep_in_records, resumed};
 use crate::shared::media::read_options;
 use crate::shared::{device, locator, model};
 use crate::ui::outcome::Outcome;
@@ -40,6 +43,9 @@ pub(crate) struct LocateArgs {
     /// Look at this many frames at most, evenly spread over the film
     #[arg(long, value_name = "N", default_value_t = NonZeroU32::new(DEFAULT_FRAMES).expect("more than none"))]
     max_frames: NonZeroU32,
+    /// Go on from the checkpoint of an interrupted run with the same film and model; it is left beside OUT
+    #[arg(long)]
+    resume: bool,
     /// Also write a picture to judge by: frames, the original from where they were taken, and what differs
     #[arg(long, value_name = "FILE", help_heading = "Output")]
     sheet: Option<PathBuf>,
@@ -51,8 +57,8 @@ pub(crate) const FARM: FarmJob = FarmJob {
     command: "locate",
     has_input: true,
     needs_device: true,
-    arguments: out_and_input,
-    reserved: &["out", "overwrite"],
+    arguments: resumed,
+    reserved: &["out", "overwrite", "resume"],
     keep: keep_in_records,
     trial: None,
 };
@@ -63,12 +69,19 @@ pub(crate) fn run(args: &LocateArgs, common: &Common) -> Result<Outcome, EngineE
     let existing = args.overwrite.existing();
     let file = AtomicFile::create(&args.out, existing)?;
     let sheet = args.sheet.as_deref().map(|path| AtomicFile::create(path, existing)).transpose()?;
+    let checkpoint = checkpoint::path_beside(&args.out);
+    if args.resume {
+        // What cannot be read is told before anything is drawn.
+        TensorFile::read(&checkpoint)?;
+    }
     let original = model::open_in_kind(&args.original, common)?;
     let device = device::open(common)?;
     let shared = locator::of(&device, &original, common)?;
     let mut locator = shared.lock().unwrap_or_else(PoisonError::into_inner);
     let mut progress = ObserverBar::new(common);
-    let Finding { cameras, report } = locator.film(&args.film, &read_options(), args.max_frames, &mut progress)?;
+    let kept = Some(Kept { path: &checkpoint, goes_on: args.resume });
+    let Finding { cameras, report } =
+        locator.film(&args.film, &read_options(), args.max_frames, kept, &mut progress)?;
     drop(progress);
     if let Some(cameras) = cameras {
         if let Some(sheet) = sheet {
@@ -80,6 +93,7 @@ pub(crate) fn run(args: &LocateArgs, common: &Common) -> Result<Outcome, EngineE
         }
         file.finish(&cameras.film_json())?;
     }
+    checkpoint::remove(&checkpoint);
     print(common, &report, human)?;
     Ok(Outcome::Located(report.verdict))
 }

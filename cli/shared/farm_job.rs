@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use guard4d_engine::base::checkpoint;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::farm::forecast::Trial;
 use guard4d_engine::farm::manifest::Row;
@@ -42,4 +43,11 @@ pub(crate) fn out_and_input(row: &Row, attempt: Attempt) -> Vec<String> {
     let out = [format!("--out={}", row.output)];
     let input = (!row.input.is_empty()).then(|| ["--".to_owned(), row.input.clone()]);
     overwrite(attempt).into_iter().chain(out).chain(input.into_iter().flatten()).collect()
+}
+
+/// The same, with `--resume` where an earlier attempt of the same row with the same settings left a checkpoint.
+pub(crate) fn resumed(row: &Row, attempt: Attempt) -> Vec<String> {
+    let goes_on = attempt.goes_on && checkpoint::path_beside(Path::new(&row.output)).exists();
+    let resume = goes_on.then(|| "--resume".to_owned());
+    resume.into_iter().chain(out_and_input(row, attempt)).collect()
 }

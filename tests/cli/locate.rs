@@ -118,6 +118,7 @@ fn a_film_of_an_unknown_camera_is_located_and_names_the_recipient() {
     assert_eq!((&traced["verdict"], &traced["copies"][0]["recipient"]), (&"traced".into(), &"bo".into()), "{traced}");
     assert!(traced["copies"][0]["p_family"].as_f64().expect("a number") < 1e-6, "{traced}");
     assert_eq!(traced["located"][0]["located"], FRAMES, "{traced}");
+    assert!(!leak.at("found.json.checkpoint.safetensors").exists(), "a finished search leaves none");
     leak.locate("leak.mp4", leak.scene.path(), &[]).refused(73, &["found.json", "exists"]);
 }
 
@@ -128,6 +129,8 @@ fn what_is_not_in_a_film_is_not_found_in_it_and_nobody_is_named() {
     }
     let leak = Leak::new();
     leak.grey("grey", 64);
+    let resumed = leak.locate("grey", leak.scene.path(), &["--resume"]);
+    resumed.refused(66, &["found.json.checkpoint.safetensors"]);
     let traced = leak.trace("grey");
     assert_eq!((&traced["verdict"], &traced["frames"]), (&"inconclusive".into(), &0.into()), "{traced}");
     assert_eq!(traced["copies"].as_array().expect("a list").len(), 0);

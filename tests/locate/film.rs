@@ -1,9 +1,10 @@
 //! Frames of films are found whatever else they show.
 
-use guard4d_engine::base::observer::Unobserved;
+use guard4d_engine::base::observer::{Progress, Unobserved};
 use guard4d_engine::locate::film::{Locator, apart_px};
 use guard4d_engine::locate::gray::Gray;
 use guard4d_engine::locate::pose::Pose;
+use guard4d_engine::locate::so_far::SoFar;
 use guard4d_engine::render::SceneRenderer;
 use guard4d_engine::scene::camera::paths::{Lens, Orbit};
 use guard4d_engine::scene::demo::DemoScene;
@@ -47,17 +48,56 @@ fn frame(gpu: &Gpu, model: &Model, camera: Camera, is_patterned: bool) -> Gray {
     film.expect("one frame")
 }
 
-#[test]
-fn a_logo_and_what_is_behind_the_asset_do_not_hide_it() {
-    let Some(gpu) = device() else { return };
+fn still_demo() -> Model {
     let scene = DemoScene::unpack().expect("the scene unpacks");
     let mut model = Model::open(scene.path()).expect("the scene opens");
     model.motion = Motion::Still;
-    let mut locator = Locator::new(&gpu, &model).expect("it fits");
-    let middle = locator.stage().middle();
+    model
+}
+
+/// One of five views around the asset.
+fn view(locator: &Locator, number: usize) -> Camera {
     let lens = Lens { fov_x_rad: 0.7, size: FrameSize::new(WIDTH_PX, 240).expect("a size") };
     let orbit = Orbit { views: 5, elevation_deg: 35.0, look_at: locator.stage().look_at(), lens };
-    let camera = orbit.cameras().expect("an orbit").views[3].camera;
+    orbit.cameras().expect("an orbit").views[number].camera
+}
+
+#[test]
+fn a_search_goes_on_where_it_was_broken_off() {
+    let Some(gpu) = device() else { return };
+    let model = still_demo();
+    let mut locator = Locator::new(&gpu, &model).expect("it fits");
+    let frames = [3, 1].map(|number| frame(&gpu, &model, view(&locator, number), false));
+    let mut kept = Vec::new();
+    let whole = locator.locate_from(SoFar::default(), &frames, &mut Unobserved, &mut |so_far| {
+        kept.push(so_far.clone());
+        Ok(())
+    });
+    let whole = whole.expect("it looks");
+    assert_eq!(whole.shots, [0..1, 1..2], "a cut");
+    assert!(whole.frames.iter().all(Option::is_some), "both are found: {whole:?}");
+    assert_eq!(kept.len(), 3, "the beginning, and two shots");
+    let mut looks = Vec::new();
+    for so_far in kept {
+        let mut looked = 0;
+        let mut observer = |_: Progress<'_>| {
+            looked += 1;
+            Ok(())
+        };
+        let again = locator.locate_from(so_far, &frames, &mut observer, &mut |_| Ok(())).expect("it looks");
+        assert_eq!(again, whole, "after {looks:?}");
+        looks.push(looked);
+    }
+    assert!(looks[0] > looks[1] && looks[1] > 0 && looks[2] == 0, "less is left each time: {looks:?}");
+}
+
+#[test]
+fn a_logo_and_what_is_behind_the_asset_do_not_hide_it() {
+    let Some(gpu) = device() else { return };
+    let model = still_demo();
+    let mut locator = Locator::new(&gpu, &model).expect("it fits");
+    let middle = locator.stage().middle();
+    let camera = view(&locator, 3);
     let truth = Pose::of_camera(&camera, 0.0, middle).expect("the middle is in front");
     let films = [with_logo(frame(&gpu, &model, camera, false)), frame(&gpu, &model, camera, true)];
     for (film, name) in films.iter().zip(["a logo", "a pattern"]) {

@@ -1,7 +1,6 @@
 //! `guard4d embed`
 
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::time::Duration;
 
 use bytesize::ByteSize;
@@ -22,7 +21,7 @@ use super::inputs::Inputs;
 use super::settings::Settings;
 use super::training::{Checkpoints, train};
 use crate::flags::common::Common;
-use crate::shared::farm_job::{FarmJob, keep_in_records, out_and_input};
+use crate::shared::farm_job::{FarmJob, keep_in_records, resumed};
 use crate::ui::outcome::Outcome;
 use crate::ui::report::{Row, cost_rows, evidence_in_words, percent, print, print_text, reading_rows, say, table};
 use crate::ui::stop;
@@ -52,12 +51,7 @@ pub(crate) const FARM: FarmJob = FarmJob {
     command: "embed",
     has_input: true,
     needs_device: true,
-    arguments: |row, attempt| {
-        // Of the same row with the same settings.
-        let goes_on = attempt.goes_on && checkpoint::path_beside(Path::new(&row.output)).exists();
-        let resume = goes_on.then(|| "--resume".to_owned());
-        resume.into_iter().chain(out_and_input(row, attempt)).collect()
-    },
+    arguments: resumed,
     reserved: &["dry-run", "out", "overwrite", "resume", "show-config"],
     keep: keep_in_records,
     trial: Some(|estimate| {

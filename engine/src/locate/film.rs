@@ -10,7 +10,9 @@ use super::gray::Gray;
 use super::pose::Pose;
 use super::search::{SCANNED, TIED, anywhere, with_lens};
 use super::shots::{is_same, shots};
+use super::so_far::{Begun, Exactly, First, SoFar};
 use super::stage::Stage;
+use crate::base::digest::Digest;
 use crate::base::observer::{Observer, Progress};
 use crate::error::EngineError;
 use crate::scene::Model;
@@ -80,6 +82,7 @@ impl Track {
 pub struct Locator {
     stage: Stage,
     bank: Bank,
+    original: Digest,
 }
 
 impl Locator {
@@ -90,7 +93,13 @@ impl Locator {
     pub fn new(device: &Device, model: &Model) -> Result<Self, EngineError> {
         let mut stage = Stage::new(device, model)?;
         let bank = Bank::new(&mut stage)?;
-        Ok(Self { stage, bank })
+        Ok(Self { stage, bank, original: model.digest() })
+    }
+
+    /// Hash of the asset.
+    #[must_use]
+    pub fn original(&self) -> Digest {
+        self.original
     }
 
     /// The asset.
@@ -104,37 +113,73 @@ impl Locator {
     /// # Errors
     /// When memory runs out, the device fails, or the observer stops the work.
     pub fn locate(&mut self, frames: &[Gray], observer: &mut dyn Observer) -> Result<Track, EngineError> {
+        self.locate_from(SoFar::default(), frames, observer, &mut |_| Ok(()))
+    }
+
+    /// The same, from where another search for the same frames was broken off. `keep` is told what there is of it after
+    /// each shot.
+    ///
+    /// # Errors
+    /// As [`locate`](Self::locate), and those of `keep`.
+    pub fn locate_from(
+        &mut self,
+        mut so_far: SoFar,
+        frames: &[Gray],
+        observer: &mut dyn Observer,
+        keep: &mut dyn FnMut(&SoFar) -> Result<(), EngineError>,
+    ) -> Result<Track, EngineError> {
         let shots = shots(frames);
-        self.stage.set_film_drawn_at(1);
         let mut work = Work { done: 0, total: 2 * frames.len() as u64, observer };
         let Some(longest) = (0..shots.len()).max_by_key(|shot| shots[*shot].len()) else { return Ok(Track::default()) };
-        let mut begun = self.first(&frames[shots[longest].clone()], &mut work)?;
-        let mut turned = None;
-        if begun.is_none_or(|begun| begun.likeness < GOOD) {
-            // An asset that is much like its mirror image may be found in either.
-            let mirrored: Vec<Gray> = frames.iter().map(Gray::mirrored).collect();
-            let other = self.first(&mirrored[shots[longest].clone()], &mut work)?;
-            let likeness = |begun: Option<Begun>| begun.map_or(f64::NEG_INFINITY, |begun| begun.likeness);
-            if likeness(other) > likeness(begun) {
-                (begun, turned) = (other, Some(mirrored));
+        let First { begun: first, is_mirrored } = match so_far.first {
+            Some(first) => first,
+            None => {
+                self.stage.set_film_drawn_at(1);
+                let first = self.either_way(&frames[shots[longest].clone()], &mut work)?;
+                let searches = SEARCHES + frames.len() / SEARCHED;
+                so_far = SoFar { first: Some(first), shots: Vec::new(), searches, drawn_at: 1 };
+                keep(&so_far)?;
+                first
             }
-        }
-        let guess = begun.map(|begun| begun.fit);
-        let is_mirrored = turned.is_some();
-        let frames = turned.as_deref().unwrap_or(frames);
-        let mut fits = Vec::new();
-        let mut searches = SEARCHES + frames.len() / SEARCHED;
-        for (number, shot) in shots.iter().enumerate() {
+        };
+        let mirrored: Vec<Gray>;
+        let frames = if is_mirrored {
+            mirrored = frames.iter().map(Gray::mirrored).collect();
+            &mirrored
+        } else {
+            frames
+        };
+        work.done = 2 * so_far.shots.iter().map(|shot| shot.len() as u64).sum::<u64>();
+        for (number, shot) in shots.iter().enumerate().skip(so_far.shots.len()) {
             self.stage.set_rough(true);
+            self.stage.set_film_drawn_at(so_far.drawn_at);
             let done = work.done + 2 * shot.len() as u64;
-            let begun = if number == longest { begun } else { self.first(&frames[shot.clone()], &mut work)? };
-            fits.extend(match begun.filter(|begun| begun.fit.correlation >= FOUND) {
-                Some(begun) => self.shot(&frames[shot.clone()], begun, &mut searches, &mut work)?,
+            let begun = if number == longest { first } else { self.first(&frames[shot.clone()], &mut work)? };
+            let fits = match begun.filter(|begun| begun.fit.0.correlation >= FOUND) {
+                Some(begun) => self.shot(&frames[shot.clone()], begun, &mut so_far.searches, &mut work)?,
                 None => vec![None; shot.len()],
-            });
+            };
+            so_far.shots.push(fits.into_iter().map(|fit| fit.map(Exactly)).collect());
+            so_far.drawn_at = self.stage.film_drawn_at();
+            keep(&so_far)?;
             work.done = done;
         }
-        Ok(Track { frames: fits, shots, is_mirrored, guess })
+        let frames = so_far.shots.concat().into_iter().map(|fit| fit.map(|Exactly(fit)| fit)).collect();
+        Ok(Track { frames, shots, is_mirrored, guess: first.map(|begun| begun.fit.0) })
+    }
+
+    /// Looks for the asset in a shot, and for its mirror image if that is not plainly found.
+    fn either_way(&mut self, frames: &[Gray], work: &mut Work<'_>) -> Result<First, EngineError> {
+        let begun = self.first(frames, work)?;
+        let likeness = |begun: Option<Begun>| begun.map_or(f64::NEG_INFINITY, |begun| begun.likeness);
+        if likeness(begun) >= GOOD {
+            return Ok(First { begun, is_mirrored: false });
+        }
+        // An asset that is much like its mirror image may be found in either.
+        let mirrored: Vec<Gray> = frames.iter().map(Gray::mirrored).collect();
+        let other = self.first(&mirrored, work)?;
+        let is_mirrored = likeness(other) > likeness(begun);
+        Ok(First { begun: if is_mirrored { other } else { begun }, is_mirrored })
     }
 
     fn shot(
@@ -145,11 +190,11 @@ impl Locator {
         work: &mut Work<'_>,
     ) -> Result<Vec<Option<Fit>>, EngineError> {
         let mut fits: Vec<Option<Fit>> = vec![None; frames.len()];
-        fits[begun.frame] = Some(begun.fit);
+        fits[begun.frame] = Some(begun.fit.0);
         let forward: Vec<usize> = (begun.frame + 1..frames.len()).collect();
         let backward: Vec<usize> = (0..begun.frame).rev().collect();
         for way in [forward, backward] {
-            let (mut last, mut earlier, mut before) = (begun.fit, None, begun.frame);
+            let (mut last, mut earlier, mut before) = (begun.fit.0, None, begun.frame);
             for at in way {
                 work.one("frames found")?;
                 let fit = match is_same(&frames[at], &frames[before]) {
@@ -180,7 +225,7 @@ impl Locator {
             let Some(fit) = anywhere(&mut self.stage, &self.bank, &frames[frame], edges)? else { continue };
             let likeness = self.closely(&frames[frame], fit)?;
             if best.is_none_or(|best| likeness > best.likeness) {
-                best = Some(Begun { frame, fit, likeness });
+                best = Some(Begun { frame, fit: Exactly(fit), likeness });
             }
             if likeness >= GOOD {
                 break;
@@ -347,15 +392,6 @@ fn between(fits: &[Fit], at: usize) -> Option<Pose> {
 pub fn apart_px(a: &Pose, b: &Pose, width: f64) -> f64 {
     let steps = a.since(b).into_iter().zip(b.reach());
     width * steps.map(|(step, reach)| (step * reach).powi(2)).sum::<f64>().sqrt()
-}
-
-/// A frame that is found.
-#[derive(Clone, Copy)]
-struct Begun {
-    frame: usize,
-    fit: Fit,
-    /// How like the original it is, looked at closely.
-    likeness: f64,
 }
 
 /// How far the work is, and who is told.

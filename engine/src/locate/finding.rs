@@ -7,6 +7,8 @@ use serde::Serialize;
 
 use super::film::{Locator, Track, apart_px, median};
 use super::reading::Reading;
+use super::so_far::{Kept, SoFar};
+use crate::base::digest::Digest;
 use crate::base::observer::{Observer, Progress};
 use crate::error::EngineError;
 use crate::media::ReadOptions;
@@ -76,15 +78,18 @@ pub struct Finding {
 }
 
 impl Locator {
-    /// Finds where a film was taken, by at most so many of its frames.
+    /// Finds where a film was taken, by at most so many of its frames. Where a place is given, what was found is kept
+    /// there shot by shot.
     ///
     /// # Errors
-    /// Those of reading it and of the device, and what the observer stops the work with.
+    /// Those of reading it and of the device, and what the observer stops the work with; [`EngineError::BadData`] for
+    /// what was kept of another film or original.
     pub fn film(
         &mut self,
         path: &Path,
         options: &ReadOptions,
         most: NonZeroU32,
+        kept: Option<Kept<'_>>,
         observer: &mut dyn Observer,
     ) -> Result<Finding, EngineError> {
         let mut read = 0;
@@ -92,7 +97,14 @@ impl Locator {
             read += 1;
             observer.observe(Progress { stage: "reading the film", done: read, total: None })
         })?;
-        let track = self.locate(&reading.pictures, observer)?;
+        // Of the same pictures of another size, too.
+        let identity = Digest::of(format!("{} {} {:?}", self.original(), reading.digest(), reading.picture).as_bytes());
+        let so_far = match kept {
+            Some(Kept { path, goes_on: true }) => SoFar::read(path, identity)?,
+            _ => SoFar::default(),
+        };
+        let mut keep = |so_far: &SoFar| kept.map_or(Ok(()), |kept| so_far.write(kept.path, identity));
+        let track = self.locate_from(so_far, &reading.pictures, observer, &mut keep)?;
         let cameras = track.cameras(&reading, self.stage().middle())?;
         Ok(Finding { report: report(&track, &reading), cameras })
     }

@@ -11,4 +11,5 @@ pub mod pose;
 pub mod reading;
 pub mod search;
 pub mod shots;
+pub mod so_far;
 pub mod stage;

@@ -4,6 +4,7 @@ use std::num::NonZeroU32;
 use std::path::Path;
 
 use super::gray::Gray;
+use crate::base::digest::Digest;
 use crate::error::EngineError;
 use crate::media::framing::{BarFinder, Rect};
 use crate::media::{FrameSource, ReadOptions};
@@ -70,6 +71,13 @@ impl Reading {
         };
         pictures.retain(|picture| picture.width.min(picture.height) >= SHORTEST_PX);
         Ok(Self { pictures, every: every.get() as usize, frames: count, size, picture })
+    }
+
+    /// Hash of the pictures.
+    #[must_use]
+    pub fn digest(&self) -> Digest {
+        let values = self.pictures.iter().flat_map(|picture| &picture.values);
+        Digest::of(&values.flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>())
     }
 }
 

@@ -137,6 +137,12 @@ impl Stage {
         self.film_drawn_at = times;
     }
 
+    /// See [`Self::set_film_drawn_at`].
+    #[must_use]
+    pub fn film_drawn_at(&self) -> u32 {
+        self.film_drawn_at
+    }
+
     fn drawn_at(&self, canvas: Canvas) -> Result<FrameSize, EngineError> {
         let (size, times) = canvas.drawn.map_or((canvas.size, FINER), |film| (film, self.film_drawn_at));
         FrameSize::new(times * size.width(), times * size.height())

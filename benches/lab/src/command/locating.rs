@@ -13,7 +13,7 @@ use guard4d_kernels::Device;
 
 use super::host::Host;
 use crate::locating::attack::Attack;
-use crate::locating::film::shots;
+use crate::locating::film::{USUAL_FRAMES, shots};
 use crate::locating::measure::{self, Case, LocatedRow};
 use crate::study::SceneSource;
 use crate::tracing::leak::Leak;
@@ -36,8 +36,8 @@ pub(super) struct LocatingArgs {
     /// Look for another asset in them, which must not be found
     #[arg(long, value_name = "MODEL")]
     pub(super) other: Option<SceneSource>,
-    /// Frames of a film
-    #[arg(long, default_value_t = 48)]
+    /// Frames of a film; fewer are its beginning
+    #[arg(long, default_value_t = USUAL_FRAMES)]
     pub(super) frames: u32,
     /// Table of readings; it grows, and what it has is not measured again
     #[arg(long, value_name = "FILE")]

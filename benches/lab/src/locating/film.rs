@@ -21,10 +21,13 @@ const SHAPES: [[f64; 2]; 4] = [[16.0, 9.0], [4.0, 3.0], [1.0, 1.0], [9.0, 16.0]]
 /// How fast time runs, of one pass in the film.
 const SPEEDS: [f64; 2] = [0.25, 2.0];
 
+/// Frames of a film.
+pub const USUAL_FRAMES: u32 = 48;
+
 /// The camera and the moment of each frame.
 pub type Shots = Vec<(Camera, f32)>;
 
-/// Film number `number` of a model.
+/// Film number `number` of a model; fewer frames than usual are the beginning of it.
 ///
 /// # Errors
 /// Never for films of a frame or more.
@@ -52,7 +55,7 @@ pub fn shots(model: &Model, number: u64, frames: u32) -> Result<Shots, EngineErr
     let lens = Lens { fov_x_rad, size };
     let mut all = Vec::new();
     for frame in 0..frames {
-        let part = f64::from(frame) / f64::from(frames.max(2) - 1);
+        let part = f64::from(frame) / f64::from(frames.max(USUAL_FRAMES) - 1);
         let [elevation, distance, azimuth, roll] = std::array::from_fn(|i| begun[i] + part * by[i]);
         let elevation_deg = elevation.clamp(ELEVATIONS[0], ELEVATIONS[1]);
         let turned = turned_about(look_at, azimuth);

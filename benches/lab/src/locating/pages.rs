@@ -13,9 +13,9 @@ use crate::table::Table;
 /// Name of the page.
 pub const NAME: &str = "leaks";
 const RULES: &str = "Films are decoded 8-bit frames from cameras, lenses and moments drawn at random, which nothing \
-    but the film tells. An error is the median over frames of the median distance of visible splats from where they are. T \
-    is the score of the copy that leaked, in deviations of scores by chance; to name one of a million copies with a \
-    p-value of 1e-6 takes 7.5.";
+    but the film tells. An error is the median over frames of the median distance of visible splats from where they \
+    are. T is the score of the copy that leaked, in deviations of scores by chance; to name one of a million copies \
+    with a p-value of 1e-6 takes 7.5.";
 
 /// Writes the page, with those pictures that `folder` has. Says where it is.
 ///

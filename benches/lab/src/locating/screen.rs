@@ -14,7 +14,7 @@ const GAMMA: f64 = 2.2 / 1.8;
 
 /// A recording of a screen, for films of one size.
 #[derive(Clone, Copy, Debug)]
-pub struct Screen {
+pub(super) struct Screen {
     /// From places in the film to places in the recording, px.
     to_recording: DMat3,
 }
@@ -22,14 +22,14 @@ pub struct Screen {
 impl Screen {
     /// For films of so many pixels; recordings have as many.
     #[must_use]
-    pub fn of(width: u32, height: u32) -> Self {
+    pub(super) fn of(width: u32, height: u32) -> Self {
         let sides = DMat3::from_diagonal(DVec3::new(f64::from(width), f64::from(height), 1.0));
         Self { to_recording: sides * from_square(CORNERS.map(DVec2::from)) * sides.inverse() }
     }
 
     /// Where a place of the film is in the recording, px.
     #[must_use]
-    pub fn seen(&self, place: DVec2) -> DVec2 {
+    pub(super) fn seen(&self, place: DVec2) -> DVec2 {
         through(self.to_recording, place)
     }
 
@@ -37,7 +37,7 @@ impl Screen {
     ///
     /// # Errors
     /// Never for a frame of that size.
-    pub fn recorded(&self, frame: &Frame) -> Result<Frame, EngineError> {
+    pub(super) fn recorded(&self, frame: &Frame) -> Result<Frame, EngineError> {
         let level = |level: f64| 255.0 * (level / 255.0).powf(GAMMA);
         warped(frame, self.to_recording.inverse(), level)
     }
@@ -46,7 +46,7 @@ impl Screen {
     ///
     /// # Errors
     /// As [`recorded`](Self::recorded).
-    pub fn undone(&self, frame: &Frame) -> Result<Frame, EngineError> {
+    pub(super) fn undone(&self, frame: &Frame) -> Result<Frame, EngineError> {
         warped(frame, self.to_recording, |level| level)
     }
 }
