@@ -16,6 +16,17 @@ pub struct Table {
     pub rows: Vec<Vec<String>>,
 }
 
+/// Each name once, in the order in which they come first.
+pub(crate) fn distinct<'a>(all: impl Iterator<Item = &'a String>) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for name in all {
+        if !names.contains(name) {
+            names.push(name.clone());
+        }
+    }
+    names
+}
+
 /// As part of a page.
 impl Render for Table {
     fn render(&self) -> Markup {

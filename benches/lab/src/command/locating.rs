@@ -65,10 +65,6 @@ pub(super) fn measure(
     let mut table: Ledger<LocatedRow> = Ledger::open(&args.out)?;
     let folder = tempfile::tempdir().map_err(|source| EngineError::Io { path: std::env::temp_dir(), source })?;
     let other = args.other.as_ref().map(SceneSource::open_in_kind).transpose()?;
-    if let Some(path) = &args.pictures {
-        std::fs::create_dir_all(path)
-            .map_err(|error| EngineError::CannotCreate { path: path.clone(), reason: error.to_string() })?;
-    }
     for source in &args.models {
         let (model, asset) = (source.open_in_kind()?, source.to_string());
         let prf = Prf::new(&MasterSecret::from_bytes([1; 32]));

@@ -8,7 +8,7 @@ use guard4d_engine::error::EngineError;
 use super::measure::LocatedRow;
 use crate::chart::{Axis, Chart, Point, Series};
 use crate::report::{Origin, Pictured, Report};
-use crate::table::Table;
+use crate::table::{Table, distinct};
 
 /// Name of the page.
 pub const NAME: &str = "leaks";
@@ -28,8 +28,6 @@ pub fn write(
     command: &str,
     devices: Vec<String>,
 ) -> Result<PathBuf, EngineError> {
-    std::fs::create_dir_all(out)
-        .map_err(|error| EngineError::CannotCreate { path: out.to_path_buf(), reason: error.to_string() })?;
     let mut pictures = Vec::new();
     for row in rows {
         let path = row.picture_in(folder);
@@ -50,7 +48,8 @@ fn report(rows: &[LocatedRow]) -> Report {
     let found: Vec<&LocatedRow> = rows.iter().filter(|row| row.found).collect();
     let named = found.iter().filter(|row| row.named > 0).count();
     let wrong: usize = found.iter().map(|row| row.wrong).sum();
-    let (assets, attacks) = (distinct(rows, |row| &row.asset), distinct(rows, |row| &row.attack));
+    let assets = distinct(rows.iter().map(|row| &row.asset));
+    let attacks = distinct(rows.iter().map(|row| &row.attack));
     let of = |asset: &String| {
         let point = |row: &&&LocatedRow| Point { x: row.t_true, y: row.t, range: (row.t, row.t), label: String::new() };
         let points = found.iter().filter(|row| row.asset == *asset).collect::<Vec<_>>().iter().map(point).collect();
@@ -140,15 +139,4 @@ fn summary(rows: &[&LocatedRow], digits: usize, figure: impl Fn(&LocatedRow) -> 
         [one] => format!("{one:.digits$}"),
         [.., most] => format!("{:.digits$} ({most:.digits$})", figures[figures.len() / 2]),
     }
-}
-
-/// In the order of their first reading.
-fn distinct(rows: &[LocatedRow], of: impl Fn(&LocatedRow) -> &String) -> Vec<String> {
-    let mut names: Vec<String> = Vec::new();
-    for row in rows {
-        if !names.contains(of(row)) {
-            names.push(of(row).clone());
-        }
-    }
-    names
 }

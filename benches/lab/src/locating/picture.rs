@@ -6,12 +6,12 @@ use guard4d_engine::detect::exhibit::{Beside, Exhibit};
 use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::seen::Seen;
 use guard4d_engine::media::Frame;
-use guard4d_engine::render::SceneRenderer;
 use guard4d_engine::scene::gaussians::{CHANNELS, SH_FLOATS, Y0};
-use guard4d_engine::scene::{Camera, Gaussians, Model};
+use guard4d_engine::scene::{Gaussians, Model};
 use guard4d_kernels::Device;
 
 use crate::tracing::film::Spoilt;
+use crate::tracing::filmed::draw;
 use crate::tracing::measure::expose;
 
 /// Grey, where nothing is known of a splat; and how much more is shown of what is.
@@ -29,8 +29,8 @@ pub fn sheet(device: &Device, model: &Model, located: &Spoilt) -> Result<Option<
     let middle = located.frames.len() / 2;
     let Some(film) = located.frames.get(middle) else { return Ok(None) };
     let shot = &located.shots[middle..=middle];
-    let original = drawn(device, model, &model.gaussians, model.background, shot)?;
-    let evidence = drawn(device, model, &evidence(device, model, located)?, [GREY; CHANNELS], shot)?;
+    let original = draw(device, model, &model.gaussians, model.background, shot)?.remove(0);
+    let evidence = draw(device, model, &evidence(device, model, located)?, [GREY; CHANNELS], shot)?.remove(0);
     let film = Exhibit { clip: String::new(), frame: middle as u64, picture: film.clone() };
     let compared = Beside::sheet(&[Beside { film, original }])?;
     Ok(Some(beside(&compared, &evidence)?))
@@ -50,22 +50,6 @@ fn evidence(device: &Device, model: &Model, located: &Spoilt) -> Result<Gaussian
         }
     }
     Ok(gaussians)
-}
-
-fn drawn(
-    device: &Device,
-    model: &Model,
-    gaussians: &Gaussians,
-    background: [f32; CHANNELS],
-    shots: &[(Camera, f32)],
-) -> Result<Frame, EngineError> {
-    let mut renderer = SceneRenderer::new(device, gaussians, &model.motion, background)?;
-    let mut frame = None;
-    renderer.render_clips(&[shots.to_vec()], |_, camera, pixels| {
-        frame = Some(Frame::from_rgba32f(camera.width, camera.height, pixels)?);
-        Ok(())
-    })?;
-    Ok(frame.expect("one camera gives one frame"))
 }
 
 /// Two pictures of one height.

@@ -8,7 +8,7 @@ use super::film::FILMS;
 use super::measure::Reading;
 use crate::chart::{Axis, Chart, Point, Series};
 use crate::report::{Origin, Report};
-use crate::table::Table;
+use crate::table::{Table, distinct};
 
 const RULES: &str = "T is the score of the copy that leaked, in deviations of scores by chance; where several \
 contributed, of the best. To name one of a million copies with a p-value of 1e-6 takes 7.5. Films are decoded 8-bit \
@@ -25,8 +25,6 @@ const BY_CRF: [(&str, f64); 4] = [("png", 0.0), ("h264 23", 23.0), ("h264 28", 2
 /// # Errors
 /// When they cannot be written.
 pub fn write(out: &Path, rows: &[Reading], command: &str, devices: Vec<String>) -> Result<Vec<PathBuf>, EngineError> {
-    std::fs::create_dir_all(out)
-        .map_err(|error| EngineError::CannotCreate { path: out.to_path_buf(), reason: error.to_string() })?;
     let parts = [
         ("tracing", films(rows)),
         ("stamping", strengths(rows)),
@@ -50,7 +48,7 @@ fn films(rows: &[Reading]) -> Option<Report> {
         let at = |(film, crf): (&str, f64)| point(&rows, crf, |row| row.asset == asset && row.film == film);
         Series { name: asset.to_owned(), points: BY_CRF.into_iter().filter_map(at).collect(), joined: true }
     };
-    let names = assets(&rows);
+    let names = distinct(rows.iter().map(|row| &row.asset));
     let line = |film: &str| -> Option<Vec<String>> {
         let ts = |asset: &str| -> Vec<f64> {
             rows.iter().filter(|row| row.asset == asset && row.film == film).map(|row| row.t).collect()
@@ -126,7 +124,7 @@ fn lengths(rows: &[Reading]) -> Option<Report> {
             title: "T over the seconds that a trace takes".to_owned(),
             x: Axis::logarithmic("seconds"),
             y: Axis::logarithmic("T"),
-            series: assets(&rows).iter().map(of).collect(),
+            series: distinct(rows.iter().map(|row| &row.asset)).iter().map(of).collect(),
         }],
         tables: Vec::new(),
     })
@@ -208,17 +206,6 @@ fn sorted<T: Ord>(all: impl Iterator<Item = T>) -> Vec<T> {
 
 fn is_usual(row: &Reading) -> bool {
     (row.asked_db, row.frames) == USUAL
-}
-
-/// Names in the order of their first reading.
-fn assets(rows: &[&Reading]) -> Vec<String> {
-    let mut names: Vec<String> = Vec::new();
-    for row in rows {
-        if !names.contains(&row.asset) {
-            names.push(row.asset.clone());
-        }
-    }
-    names
 }
 
 fn head(first: &str, rest: impl Iterator<Item = String>) -> Vec<String> {
