@@ -13,6 +13,7 @@ use guard4d_engine::detect::gathered::KnownFilm;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::locate::finding::{DEFAULT_FRAMES, Finding, LocateReport, Locating};
 use guard4d_engine::locate::so_far::Kept;
+use guard4d_engine::locate::stage::Making;
 use guard4d_engine::media::FrameSource;
 use guard4d_engine::media::png::png_bytes;
 
@@ -81,7 +82,7 @@ pub(crate) fn run(args: &LocateArgs, common: &Common) -> Result<Outcome, EngineE
     let mut progress = ObserverBar::new(common);
     let kept = Some(Kept { path: &checkpoint, goes_on: args.resume });
     let Finding { cameras, report } =
-        locator.film(&args.film, &read_options(), args.max_frames, kept, &mut progress)?;
+        locator.film(&original, &args.film, &read_options(), args.max_frames, kept, &mut progress)?;
     drop(progress);
     if let Some(cameras) = cameras {
         if let Some(sheet) = sheet {
@@ -117,6 +118,10 @@ fn human(report: &LocateReport) -> String {
     }
     if let Some([first, last]) = report.times {
         rows.push(("moments, first and last", format!("{first:.3}, {last:.3}")));
+    }
+    if let Some(Making { viewer, times }) = report.making {
+        let smaller = if times > 1 { ", and made smaller" } else { "" };
+        rows.push(("drawn by", format!("{}{smaller}", viewer.name())));
     }
     if report.mirrored {
         rows.push(("mirrored", "yes".to_owned()));

@@ -163,7 +163,7 @@ fn read_films(paths: &[PathBuf], args: &TraceArgs, tracer: &Tracer<'_>, common: 
         let mut locator = shared.lock().unwrap_or_else(PoisonError::into_inner);
         for (path, source) in pairs() {
             let mut progress = ObserverBar::new(common);
-            let found = locator.film(path, &read_options(), args.max_frames, None, &mut progress)?;
+            let found = locator.film(issue.model(), path, &read_options(), args.max_frames, None, &mut progress)?;
             located.push(found.report);
             films.extend(found.cameras.map(|cameras| KnownFilm::new(path, source, &cameras)).transpose()?);
         }

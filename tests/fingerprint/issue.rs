@@ -5,10 +5,13 @@ use guard4d_engine::base::prf::{MasterSecret, Prf};
 use guard4d_engine::fingerprint::code::{Code, Position, SharedScore};
 use guard4d_engine::fingerprint::estimate::estimate;
 use guard4d_engine::fingerprint::issue::Issue;
-use guard4d_engine::scene::Model;
+use guard4d_engine::scene::camera::paths::USUAL_FOV_X_RAD;
 use guard4d_engine::scene::demo::DemoScene;
+use guard4d_engine::scene::gaussians::SH_FLOATS;
+use guard4d_engine::scene::{LookAt, Model};
 
 use super::film::{exposures, film, shots_from_above};
+use crate::support::close::assert_close;
 use crate::support::gpu::device;
 
 /// What `embed` comes to on this scene: half of what copies are stamped with.
@@ -38,6 +41,50 @@ fn chips_are_fair_coins_of_key_and_asset() {
         let alike = own.iter().zip(&other).filter(|(a, b)| a == b).count();
         assert!((4800..=5200).contains(&alike), "{alike}");
     }
+}
+
+#[test]
+fn splats_that_nobody_draws_keep_their_colours() {
+    let scene = DemoScene::unpack().expect("the scene unpacks");
+    let mut model = Model::open(scene.path()).expect("the scene opens");
+    let hidden = 100..200;
+    model.gaussians.opacities[hidden.clone()].fill(-8.0);
+    let issue = Issue::new(&model, prf(60_002), STRENGTH);
+    let copy = issue.stamp(5);
+    let rows = copy.chunks_exact(SH_FLOATS).zip(model.gaussians.sh_coeffs.chunks_exact(SH_FLOATS));
+    for (row, (stamped, original)) in rows.enumerate() {
+        assert_eq!(stamped == original, hidden.contains(&row), "splat {row}");
+    }
+    // Whatever is said of them counts for no chip.
+    let of_splats = |outside: f64, inside: f64| -> Vec<f64> {
+        (0..model.gaussians.len()).map(|row| if hidden.contains(&row) { inside } else { outside }).collect()
+    };
+    let collected = |inside| issue.collect(&of_splats(1.0, inside)).expect("a number for each splat");
+    assert_eq!(collected(1.0), collected(1e6));
+}
+
+#[test]
+fn splats_that_cover_more_of_a_picture_move_less() {
+    let scene = DemoScene::unpack().expect("the scene unpacks");
+    let mut model = Model::open(scene.path()).expect("the scene opens");
+    model.gaussians.sh_coeffs.fill(0.0);
+    model.gaussians.opacities.fill(20.0);
+    model.gaussians.scales.fill([-8.0; 3]);
+    // A picture of 400 px that takes in what a lens of 40 degrees does from four units away, as networks are trained.
+    let px = LookAt::D_NERF.radius * (0.5 * USUAL_FOV_X_RAD).tan() / 200.0;
+    let deviation = |covered_px: f64| (px * (covered_px / std::f64::consts::TAU).sqrt()).ln() as f32;
+    for (row, covered_px) in [3.9, 64.0, 64.0 * 256.0].into_iter().enumerate() {
+        // The shortest of the three axes covers nothing.
+        model.gaussians.scales[row] = [deviation(covered_px), -20.0, deviation(covered_px)];
+    }
+    model.gaussians.scales[3] = [f32::NAN; 3];
+    let issue = Issue::new(&model, prf(60_003), STRENGTH);
+    let moved = issue.spread(&vec![1.0; issue.code().positions().len()]);
+    let usual = moved[10];
+    assert!(usual > 0.01 * STRENGTH, "{usual}");
+    // Steps of 1/1024, and single precision.
+    let shares: Vec<f32> = moved[..4].iter().map(|moved| (moved / usual) as f32).collect();
+    assert_close(&shares, &[1.0, 0.5, 0.125, 1.0], 0.0, 6e-4);
 }
 
 #[test]

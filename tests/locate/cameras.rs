@@ -32,7 +32,7 @@ fn cameras(track: &Track, reading: &Reading) -> CameraSet {
 fn frames_that_were_not_looked_at_are_between_those_that_were_and_are_guesses() {
     // Pictures of frames 0, 2, 4 and 6; the third was not found, and a cut is before the last.
     let frames = vec![Some(fit(0.2, 0.1)), Some(fit(0.4, 0.3)), None, Some(fit(1.4, 0.8))];
-    let track = Track { frames, shots: vec![0..3, 3..4], is_mirrored: false, guess: None };
+    let track = Track { frames, shots: vec![0..3, 3..4], is_mirrored: false, ..Track::default() };
     let set = cameras(&track, &reading(8, 2, WHOLE));
     assert!(set.in_sequence);
     let located: Vec<bool> = set.views.iter().map(|view| view.located).collect();
@@ -58,7 +58,7 @@ fn bars_and_mirrors_are_in_the_cameras() {
         frames: vec![Some(fit(0.2, 0.1))],
         shots: std::iter::once(0..1).collect(),
         is_mirrored,
-        guess: None,
+        ..Track::default()
     };
     let inside = Rect { x: 0, y: 30, width: 320, height: 180 };
     let plain = cameras(&track(false), &reading(1, 1, inside)).views[0].camera;
@@ -85,8 +85,8 @@ fn what_was_not_found_is_a_guess_in_all_frames() {
     let track = Track {
         frames: vec![None, None],
         shots: std::iter::once(0..2).collect(),
-        is_mirrored: false,
         guess: Some(fit(0.2, 0.1)),
+        ..Track::default()
     };
     let set = cameras(&track, &reading(2, 1, WHOLE));
     assert!(set.film().iter().all(Option::is_none) && !track.is_found());

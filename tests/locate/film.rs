@@ -5,7 +5,9 @@ use guard4d_engine::locate::film::{Locator, apart_px};
 use guard4d_engine::locate::gray::Gray;
 use guard4d_engine::locate::pose::Pose;
 use guard4d_engine::locate::so_far::SoFar;
+use guard4d_engine::locate::stage::Making;
 use guard4d_engine::render::SceneRenderer;
+use guard4d_engine::render::profile::Viewer;
 use guard4d_engine::scene::camera::paths::{Lens, Orbit};
 use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{Camera, FrameSize, Model, Motion};
@@ -31,9 +33,16 @@ fn with_logo(mut frame: Gray) -> Gray {
     frame
 }
 
-/// The asset before its own background, or before the pattern.
+/// The asset before grey, or before the pattern.
 fn frame(gpu: &Gpu, model: &Model, camera: Camera, is_patterned: bool) -> Gray {
-    let mut renderer = SceneRenderer::new(gpu, &model.gaussians, &model.motion, [0.0; 3]).expect("a renderer");
+    frame_by(Viewer::Reference, gpu, model, camera, is_patterned)
+}
+
+/// The same by another renderer.
+fn frame_by(viewer: Viewer, gpu: &Gpu, model: &Model, camera: Camera, is_patterned: bool) -> Gray {
+    let profile = viewer.profile();
+    let mut renderer =
+        SceneRenderer::by_profile(gpu, &model.gaussians, &model.motion, [0.0; 3], &profile).expect("a renderer");
     let mut film = None;
     let each = |_: usize, camera: &Camera, pixels: &[f32]| {
         let (width, height) = (camera.width as usize, camera.height as usize);
@@ -69,7 +78,7 @@ fn a_search_goes_on_where_it_was_broken_off() {
     let mut locator = Locator::new(&gpu, &model).expect("it fits");
     let frames = [3, 1].map(|number| frame(&gpu, &model, view(&locator, number), false));
     let mut kept = Vec::new();
-    let whole = locator.locate_from(SoFar::default(), &frames, &mut Unobserved, &mut |so_far| {
+    let whole = locator.locate_from(SoFar::default(), &model, &frames, &mut Unobserved, &mut |so_far| {
         kept.push(so_far.clone());
         Ok(())
     });
@@ -84,11 +93,30 @@ fn a_search_goes_on_where_it_was_broken_off() {
             looked += 1;
             Ok(())
         };
-        let again = locator.locate_from(so_far, &frames, &mut observer, &mut |_| Ok(())).expect("it looks");
+        let again = locator.locate_from(so_far, &model, &frames, &mut observer, &mut |_| Ok(())).expect("it looks");
         assert_eq!(again, whole, "after {looks:?}");
         looks.push(looked);
     }
     assert!(looks[0] > looks[1] && looks[1] > 0 && looks[2] == 0, "less is left each time: {looks:?}");
+}
+
+#[test]
+fn another_renderer_is_told_and_frames_are_fitted_by_it() {
+    let Some(gpu) = device() else { return };
+    let model = still_demo();
+    let mut locator = Locator::new(&gpu, &model).expect("it fits");
+    let middle = locator.stage().middle();
+    for viewer in [Viewer::PlayCanvas, Viewer::GaussianSplats3d] {
+        let camera = view(&locator, 3);
+        let truth = Pose::of_camera(&camera, 0.0, middle).expect("the middle is in front");
+        let film = frame_by(viewer, &gpu, &model, camera, false);
+        let track = locator.locate(&model, &[film], &mut Unobserved).expect("it looks");
+        assert_eq!(track.making, Making { viewer, times: 1 }, "of {}", viewer.name());
+        let fit = track.frames[0].unwrap_or_else(|| panic!("{} is not found: {:?}", viewer.name(), track.guess));
+        let apart = apart_px(&Pose { lens: truth.lens, ..fit.pose }, &truth, f64::from(WIDTH_PX));
+        // As the film was drawn, all but what the lens leaves open; by the reference it is ten times as much.
+        assert!(apart < 0.1, "{}: {apart} px", viewer.name());
+    }
 }
 
 #[test]
@@ -101,7 +129,7 @@ fn a_logo_and_what_is_behind_the_asset_do_not_hide_it() {
     let truth = Pose::of_camera(&camera, 0.0, middle).expect("the middle is in front");
     let films = [with_logo(frame(&gpu, &model, camera, false)), frame(&gpu, &model, camera, true)];
     for (film, name) in films.iter().zip(["a logo", "a pattern"]) {
-        let track = locator.locate(std::slice::from_ref(film), &mut Unobserved).expect("it looks");
+        let track = locator.locate(&model, std::slice::from_ref(film), &mut Unobserved).expect("it looks");
         let fit = track.frames[0].unwrap_or_else(|| panic!("{name} hides it: {:?}", track.guess));
         // A single frame tells its lens less well than what it shows.
         let apart = apart_px(&Pose { lens: truth.lens, ..fit.pose }, &truth, f64::from(WIDTH_PX));
@@ -111,6 +139,6 @@ fn a_logo_and_what_is_behind_the_asset_do_not_hide_it() {
     let [width, height] = [films[1].width, films[1].height];
     let values = (0..width * height).map(|at| pattern(at % width, at / width)).collect();
     let nothing = with_logo(Gray { width, height, values });
-    let track = locator.locate(&[nothing], &mut Unobserved).expect("it looks");
+    let track = locator.locate(&model, &[nothing], &mut Unobserved).expect("it looks");
     assert!(!track.is_found(), "there is a logo and a pattern, and no asset");
 }

@@ -4,8 +4,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use guard4d_engine::error::EngineError;
+use guard4d_engine::render::profile::Viewer;
 use guard4d_engine::scene::deformation::PLANE_AXES;
-use guard4d_engine::scene::{DeformationWeights, Model, ply};
+use guard4d_engine::scene::{DeformationWeights, Model, Motion, ply};
 
 use super::{assert_refused, bad_data};
 use crate::support::fixture::{self, CHANNELS, MULTIRES, RESOLUTION, SPLATS, TinyModel, WIDTH};
@@ -215,6 +216,34 @@ fn real_folders_load() {
         assert!(network.config.no_do && network.config.no_dshs && !network.config.no_dx, "{name}");
         assert!(network.aabb[0][0] > network.aabb[1][0], "{name}: row 0 of the box is its maximum");
     }
+}
+
+#[test]
+fn what_no_renderer_draws_is_told_from_what_comes_up_later() {
+    // Half a step of 8 bits: of all renderers the first to draw a splat, and the others draw no less.
+    let least = Viewer::Spark.profile().rules.min_alpha;
+    assert!(Viewer::ALL.iter().all(|viewer| viewer.profile().rules.min_alpha >= least));
+    let logit = |opacity: f32| (opacity / (1.0 - opacity)).ln();
+    let mut splats = fixture::gaussians(4, 0, 1);
+    splats.opacities.fill(2.0);
+    // Hair's breadths on either side, and one that a transparent splat of another file is.
+    splats.opacities[..3].copy_from_slice(&[logit(0.999 * least), logit(1.001 * least), f32::MIN]);
+    let mut model = Model::of_splats(Path::new("faint.ply"), &splats, [0.0; 3]).expect("a model");
+    let drawn = |model: &Model| -> Vec<bool> { (0..4).map(|row| model.is_ever_drawn(row)).collect() };
+    assert_eq!(drawn(&model), [false, true, false, true]);
+
+    let mut later = splats.clone();
+    later.opacities[0] = 1.0;
+    model.motion = Motion::Sequence(vec![splats, later]);
+    assert_eq!(drawn(&model), [true, true, false, true]);
+
+    // A network that changes opacities.
+    let mut model = Model::open(&golden::model("dynerf_like")).expect("the model opens");
+    model.gaussians.opacities.fill(f32::MIN);
+    assert!(model.is_ever_drawn(0));
+    let mut model = Model::open(&golden::model("dnerf_like")).expect("the model opens");
+    model.gaussians.opacities.fill(f32::MIN);
+    assert!(!model.is_ever_drawn(0));
 }
 
 #[test]

@@ -74,7 +74,7 @@ impl WithOriginal<'_> {
             // Every frame that the message is read in, up to as many as are enough.
             let most = NonZeroU32::new(DEFAULT_FRAMES).unwrap_or(NonZeroU32::MIN);
             let Finding { cameras, report } =
-                locator.film(path, &self.whole_frames(), most, None, reader.observer())?;
+                locator.film(self.original, path, &self.whole_frames(), most, None, reader.observer())?;
             let cameras = cameras.filter(|_| report.verdict == Locating::Located);
             found.extend(cameras.map(|cameras| FilmedSuspect { path: path.clone(), cameras }));
             located.push(report);

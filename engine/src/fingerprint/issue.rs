@@ -2,6 +2,7 @@
 
 use super::chips::{ChipMap, OCTAVES};
 use super::code::{Code, CopyKey, Position};
+use super::coverage::shares;
 use crate::base::digest::Digest;
 use crate::base::numbers::narrow;
 use crate::base::prf::Prf;
@@ -23,9 +24,17 @@ pub struct Issue<'a> {
     original: Digest,
     chips: ChipMap,
     code: Code,
-    /// For each splat what its amplitudes may be multiplied by at most.
-    room: Vec<f64>,
+    held: Vec<Held>,
     strength: f64,
+}
+
+/// What holds the amplitudes of a splat.
+#[derive(Clone, Copy, Debug)]
+struct Held {
+    /// Of what others are multiplied by.
+    share: f64,
+    /// What they may be multiplied by at most.
+    room: f64,
 }
 
 /// Chips, and what decides each.
@@ -55,8 +64,11 @@ impl<'a> Issue<'a> {
 
     fn with_code(model: &'a Model, prf: Prf, strength: f64, coded: Coded) -> Self {
         let Coded { chips, code } = coded;
-        let room = model.gaussians.sh_coeffs.chunks_exact(SH_FLOATS).map(|row| room(&row[..CHANNELS])).collect();
-        Self { model, prf, original: model.digest(), chips, code, room, strength }
+        let rows = model.gaussians.sh_coeffs.chunks_exact(SH_FLOATS).zip(shares(model)).enumerate();
+        // What nobody draws says nothing in any film.
+        let room_of = |row, dc: &[f32]| if model.is_ever_drawn(row) { room(&dc[..CHANNELS]) } else { 0.0 };
+        let held = rows.map(|(row, (dc, share))| Held { share, room: room_of(row, dc) }).collect();
+        Self { model, prf, original: model.digest(), chips, code, held, strength }
     }
 
     /// The same issue at another strength.
@@ -69,8 +81,8 @@ impl<'a> Issue<'a> {
     #[must_use]
     pub fn by_another_key(&self, prf: Prf) -> Self {
         let code = Code::draw(&prf, self.chips.num_chips());
-        let Self { model, original, ref chips, ref room, strength, .. } = *self;
-        Self { model, prf, original, chips: chips.clone(), code, room: room.clone(), strength }
+        let Self { model, original, ref chips, ref held, strength, .. } = *self;
+        Self { model, prf, original, chips: chips.clone(), code, held: held.clone(), strength }
     }
 
     /// What the amplitudes of all octaves are multiplied by.
@@ -81,7 +93,7 @@ impl<'a> Issue<'a> {
 
     /// For each splat what its amplitudes are multiplied by.
     fn strengths(&self) -> impl Iterator<Item = f64> {
-        self.room.iter().map(|room| room.min(self.strength))
+        self.held.iter().map(|held| held.room.min(held.share * self.strength))
     }
 
     /// The unstamped asset.
@@ -106,8 +118,8 @@ impl<'a> Issue<'a> {
     /// channels of the DC terms are moved by the same, and nothing else is.
     ///
     /// # Equation
-    /// `Y0·Δ = strength · Σ_octaves amplitude · g(x − μ)`, for the splat's chip x of each octave, see
-    /// [`Code::offsets`].
+    /// `Y0·Δ = min(share · strength, room) · Σ_octaves amplitude · g(x − μ)`, for the splat's chip x of each octave,
+    /// see [`Code::offsets`].
     #[must_use]
     pub fn stamp(&self, copy: u64) -> Vec<f32> {
         self.stamp_onto(self.model.gaussians.sh_coeffs.clone(), copy)
@@ -163,11 +175,11 @@ impl<'a> Issue<'a> {
     }
 
     fn gathered(&self, splats: &[f64], weight: fn(f64) -> f64) -> Result<Vec<f64>, EngineError> {
-        if splats.len() != self.room.len() {
+        if splats.len() != self.held.len() {
             return Err(EngineError::Usage {
                 what: "evidence of a leak".to_owned(),
                 got: format!("{} splats", splats.len()),
-                expected: format!("{} splats", self.room.len()),
+                expected: format!("{} splats", self.held.len()),
             });
         }
         let mut values = vec![0.0; self.chips.num_chips()];

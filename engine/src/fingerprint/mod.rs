@@ -8,6 +8,7 @@ pub mod asset;
 pub mod chips;
 mod cloud;
 pub mod code;
+mod coverage;
 pub mod drawing;
 pub mod estimate;
 mod exposure;

@@ -11,10 +11,11 @@ use super::pose::Pose;
 use super::search::{SCANNED, TIED, anywhere, with_lens};
 use super::shots::{is_same, shots};
 use super::so_far::{Begun, Exactly, First, SoFar};
-use super::stage::Stage;
+use super::stage::{Making, Stage};
 use crate::base::digest::Digest;
 use crate::base::observer::{Observer, Progress};
 use crate::error::EngineError;
+use crate::render::profile::Viewer;
 use crate::scene::Model;
 
 /// Likeness from which on a frame is found.
@@ -41,7 +42,7 @@ const APART_OF_USUAL: f64 = 4.0;
 /// What a place costs, of an earlier one, to be begun at instead: movement is even, and where a turn hides it pictures
 /// say little of how far along it is.
 const MUCH_BETTER: f64 = 0.6;
-/// What a picture that was made smaller costs, of one that was not, to be taken for the film's.
+/// What a picture costs, of one that is made in a likelier way, to be taken for the film's.
 const CLEARLY: f64 = 0.9;
 /// What a frame costs, of what is usual beside it, to be looked at again; moments that are tried then.
 const DEAR: f64 = 1.4;
@@ -67,6 +68,8 @@ pub struct Track {
     pub is_mirrored: bool,
     /// The likeliest that was seen before anything was followed.
     pub guess: Option<Fit>,
+    /// How the film was made, as its last shot told.
+    pub making: Making,
 }
 
 impl Track {
@@ -108,12 +111,17 @@ impl Locator {
         &self.stage
     }
 
-    /// Finds where frames in sequence were taken.
+    /// Finds where frames in sequence were taken; `model` is the same asset.
     ///
     /// # Errors
     /// When memory runs out, the device fails, or the observer stops the work.
-    pub fn locate(&mut self, frames: &[Gray], observer: &mut dyn Observer) -> Result<Track, EngineError> {
-        self.locate_from(SoFar::default(), frames, observer, &mut |_| Ok(()))
+    pub fn locate(
+        &mut self,
+        model: &Model,
+        frames: &[Gray],
+        observer: &mut dyn Observer,
+    ) -> Result<Track, EngineError> {
+        self.locate_from(SoFar::default(), model, frames, observer, &mut |_| Ok(()))
     }
 
     /// The same, from where another search for the same frames was broken off. `keep` is told what there is of it after
@@ -124,6 +132,7 @@ impl Locator {
     pub fn locate_from(
         &mut self,
         mut so_far: SoFar,
+        model: &Model,
         frames: &[Gray],
         observer: &mut dyn Observer,
         keep: &mut dyn FnMut(&SoFar) -> Result<(), EngineError>,
@@ -134,10 +143,9 @@ impl Locator {
         let First { begun: first, is_mirrored } = match so_far.first {
             Some(first) => first,
             None => {
-                self.stage.set_film_drawn_at(1);
                 let first = self.either_way(&frames[shots[longest].clone()], &mut work)?;
                 let searches = SEARCHES + frames.len() / SEARCHED;
-                so_far = SoFar { first: Some(first), shots: Vec::new(), searches, drawn_at: 1 };
+                so_far = SoFar { first: Some(first), searches, ..SoFar::default() };
                 keep(&so_far)?;
                 first
             }
@@ -152,20 +160,23 @@ impl Locator {
         work.done = 2 * so_far.shots.iter().map(|shot| shot.len() as u64).sum::<u64>();
         for (number, shot) in shots.iter().enumerate().skip(so_far.shots.len()) {
             self.stage.set_rough(true);
-            self.stage.set_film_drawn_at(so_far.drawn_at);
+            self.stage.draw_as(model, so_far.making)?;
             let done = work.done + 2 * shot.len() as u64;
             let begun = if number == longest { first } else { self.first(&frames[shot.clone()], &mut work)? };
             let fits = match begun.filter(|begun| begun.fit.0.correlation >= FOUND) {
-                Some(begun) => self.shot(&frames[shot.clone()], begun, &mut so_far.searches, &mut work)?,
+                Some(begun) => {
+                    let shot = Shot { model, frames: &frames[shot.clone()], begun };
+                    self.shot(shot, &mut so_far.searches, &mut work)?
+                }
                 None => vec![None; shot.len()],
             };
             so_far.shots.push(fits.into_iter().map(|fit| fit.map(Exactly)).collect());
-            so_far.drawn_at = self.stage.film_drawn_at();
+            so_far.making = self.stage.making();
             keep(&so_far)?;
             work.done = done;
         }
         let frames = so_far.shots.concat().into_iter().map(|fit| fit.map(|Exactly(fit)| fit)).collect();
-        Ok(Track { frames, shots, is_mirrored, guess: first.map(|begun| begun.fit.0) })
+        Ok(Track { frames, shots, is_mirrored, guess: first.map(|begun| begun.fit.0), making: so_far.making })
     }
 
     /// Looks for the asset in a shot, and for its mirror image if that is not plainly found.
@@ -184,8 +195,7 @@ impl Locator {
 
     fn shot(
         &mut self,
-        frames: &[Gray],
-        begun: Begun,
+        Shot { model, frames, begun }: Shot<'_>,
         searches: &mut usize,
         work: &mut Work<'_>,
     ) -> Result<Vec<Option<Fit>>, EngineError> {
@@ -207,6 +217,7 @@ impl Locator {
         }
         let mut fits: Vec<Fit> = fits.into_iter().flatten().collect();
         self.stage.set_rough(false);
+        draw_as(&mut self.stage, model, &frames[begun.frame], &fits[begun.frame].pose)?;
         self.settle(frames, &mut fits, begun.frame, work)?;
         let usual = median(fits.iter().map(|fit| fit.correlation));
         let is_sure = |fit: &Fit| usual >= FOUND && fit.correlation >= LEFT_OUT * usual;
@@ -284,7 +295,6 @@ impl Locator {
         work: &mut Work<'_>,
     ) -> Result<(), EngineError> {
         let stage = &mut self.stage;
-        draw_as(stage, &frames[begun], &fits[begun].pose)?;
         let usual = median(fits.iter().map(|fit| fit.pose.lens));
         let telling = TELLING.min(frames.len());
         let mut lenses = Vec::new();
@@ -356,17 +366,23 @@ impl Locator {
     }
 }
 
-/// Has the asset drawn as finely as a film was that this is a frame of: at its size, or at twice and then made smaller.
-fn draw_as(stage: &mut Stage, frame: &Gray, pose: &Pose) -> Result<(), EngineError> {
-    let mut cost_at = |times: u32| -> Result<f64, EngineError> {
-        stage.set_film_drawn_at(times);
-        Ok(costs_of(stage, frame, &[*pose], LAST)?[0])
-    };
-    let (twice, once) = (cost_at(2)?, cost_at(1)?);
-    if twice < CLEARLY * once {
-        stage.set_film_drawn_at(2);
+/// Has the asset drawn as a film was that this is a frame of: by its renderer, at its size or at twice that and then
+/// made smaller, whichever fits clearly better than those before.
+fn draw_as(stage: &mut Stage, model: &Model, frame: &Gray, pose: &Pose) -> Result<(), EngineError> {
+    stage.draw_as(model, Making::default())?;
+    let pose = align(stage, frame, pose, LAST)?.pose;
+    let (mut best, mut least) = (Making::default(), f64::INFINITY);
+    for viewer in Viewer::ALL {
+        for times in [1, 2] {
+            let making = Making { viewer, times };
+            stage.draw_as(model, making)?;
+            let cost = costs_of(stage, frame, &[pose], LAST)?[0];
+            if cost < CLEARLY * least {
+                (best, least) = (making, cost);
+            }
+        }
     }
-    Ok(())
+    stage.draw_as(model, best)
 }
 
 /// A frame's last steps, from the first of several places unless it fits much better in another.
@@ -392,6 +408,13 @@ fn between(fits: &[Fit], at: usize) -> Option<Pose> {
 pub fn apart_px(a: &Pose, b: &Pose, width: f64) -> f64 {
     let steps = a.since(b).into_iter().zip(b.reach());
     width * steps.map(|(step, reach)| (step * reach).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Frames without a cut, and where they begin to be found.
+struct Shot<'a> {
+    model: &'a Model,
+    frames: &'a [Gray],
+    begun: Begun,
 }
 
 /// How far the work is, and who is told.

@@ -8,12 +8,13 @@ use serde::Serialize;
 use super::film::{Locator, Track, apart_px, median};
 use super::reading::Reading;
 use super::so_far::{Kept, SoFar};
+use super::stage::Making;
 use crate::base::digest::Digest;
 use crate::base::observer::{Observer, Progress};
 use crate::error::EngineError;
 use crate::media::ReadOptions;
 use crate::media::framing::Rect;
-use crate::scene::CameraSet;
+use crate::scene::{CameraSet, Model};
 
 /// Frames that are looked at where nobody says how many: twice as many as a film needs in which the mark is clear.
 pub const DEFAULT_FRAMES: u32 = 96;
@@ -66,6 +67,8 @@ pub struct LocateReport {
     pub fov_deg: Option<f64>,
     /// The first frame's moment and the last's.
     pub times: Option<[f64; 2]>,
+    /// How it was made, where it was found.
+    pub making: Option<Making>,
 }
 
 /// What came of a film.
@@ -78,14 +81,15 @@ pub struct Finding {
 }
 
 impl Locator {
-    /// Finds where a film was taken, by at most so many of its frames. Where a place is given, what was found is kept
-    /// there shot by shot.
+    /// Finds where a film was taken, by at most so many of its frames; `model` is the same asset. Where a place is
+    /// given, what was found is kept there shot by shot.
     ///
     /// # Errors
     /// Those of reading it and of the device, and what the observer stops the work with; [`EngineError::BadData`] for
     /// what was kept of another film or original.
     pub fn film(
         &mut self,
+        model: &Model,
         path: &Path,
         options: &ReadOptions,
         most: NonZeroU32,
@@ -104,7 +108,7 @@ impl Locator {
             _ => SoFar::default(),
         };
         let mut keep = |so_far: &SoFar| kept.map_or(Ok(()), |kept| so_far.write(kept.path, identity));
-        let track = self.locate_from(so_far, &reading.pictures, observer, &mut keep)?;
+        let track = self.locate_from(so_far, model, &reading.pictures, observer, &mut keep)?;
         let cameras = track.cameras(&reading, self.stage().middle())?;
         Ok(Finding { report: report(&track, &reading), cameras })
     }
@@ -133,5 +137,6 @@ fn report(track: &Track, reading: &Reading) -> LocateReport {
         apart_px: (!apart.is_empty()).then(|| median(apart.iter().copied())),
         fov_deg: of(&|at| (2.0 * (0.5 / known[at].pose.lens.exp()).atan()).to_degrees()),
         times: known.first().zip(known.last()).map(|(first, last)| [first.pose.time, last.pose.time]),
+        making: track.is_found().then_some(track.making),
     }
 }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::align::Fit;
 use super::pose::Pose;
+use super::stage::Making;
 use crate::base::digest::Digest;
 use crate::base::files::bad_data;
 use crate::base::output::{AtomicFile, Existing};
@@ -13,7 +14,7 @@ use crate::base::tensor_file::TensorFile;
 use crate::error::EngineError;
 
 /// `format` entry of a checkpoint.
-const FORMAT: &str = "guard4d.locating/1";
+const FORMAT: &str = "guard4d.locating/2";
 /// Entries of what is looked at, and of what was found, as JSON.
 const IDENTITY: &str = "identity";
 const SO_FAR: &str = "so_far";
@@ -27,8 +28,8 @@ pub struct SoFar {
     pub(super) shots: Vec<Vec<Option<Exactly>>>,
     /// How often a frame may be looked for anew.
     pub(super) searches: usize,
-    /// How many times as large as the film the asset is drawn, as the last shot told.
-    pub(super) drawn_at: u32,
+    /// How the film was made, as the last shot told.
+    pub(super) making: Making,
 }
 
 /// Where the longest shot begins to be found.
@@ -117,6 +118,7 @@ impl From<Bits> for Exactly {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::profile::Viewer;
 
     #[test]
     fn what_was_found_comes_back_to_the_bit_and_for_the_same_film_alone() {
@@ -124,7 +126,8 @@ mod tests {
             Pose { turn: glam::DQuat::from_rotation_x(0.1), shift: [0.1, -0.3], size: -1.2, lens: 0.3, time: 0.7 };
         let fit = Exactly(Fit { pose, cost: 1e-3, correlation: 0.9, lens_weight: f64::INFINITY, tied: 1.0 / 3.0 });
         let first = First { begun: Some(Begun { frame: 3, fit, likeness: 0.1 + 0.2 }), is_mirrored: true };
-        let so_far = SoFar { first: Some(first), shots: vec![vec![Some(fit), None], vec![]], searches: 4, drawn_at: 2 };
+        let making = Making { viewer: Viewer::GaussianSplats3d, times: 2 };
+        let so_far = SoFar { first: Some(first), shots: vec![vec![Some(fit), None], vec![]], searches: 4, making };
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("leak.json.checkpoint.safetensors");
         so_far.write(&path, Digest::of(b"this")).expect("writable");

@@ -4,13 +4,14 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use guard4d_kernels::{Buffer, Device};
+use serde::{Deserialize, Serialize};
 
 use super::gray::Gray;
 use super::pose::{Middle, Pose};
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::render::deform::{DeformField, SplatState};
-use crate::render::profile::Profile;
+use crate::render::profile::Viewer;
 use crate::render::{FrameMut, FramePlan, OffsetBases, Offsets, Prune, Renderer};
 use crate::scene::camera::paths::USUAL_FOV_X_RAD;
 use crate::scene::gaussians::{SH_FLOATS, Y0};
@@ -35,23 +36,56 @@ pub fn is_seen(clear: f32) -> bool {
     f64::from(1.0 - clear) >= COVERED
 }
 
+/// How a film was made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Making {
+    /// By whose renderer it was drawn.
+    pub viewer: Viewer,
+    /// How many times as large as it is, along a side: it may have been made smaller since.
+    pub times: u32,
+}
+
+impl Default for Making {
+    fn default() -> Self {
+        Self { viewer: Viewer::Reference, times: 1 }
+    }
+}
+
+/// The asset as a renderer has it.
+#[derive(Debug)]
+struct Scenery {
+    viewer: Viewer,
+    /// Any moments.
+    field: DeformField,
+    renderer: Renderer,
+}
+
+impl Scenery {
+    fn new(device: &Device, model: &Model, viewer: Viewer) -> Result<Self, EngineError> {
+        let profile = viewer.profile();
+        let field = profile.upload(device, &model.gaussians, &model.motion)?.with_cached_times(CACHED);
+        Ok(Self { viewer, field, renderer: Renderer::new(device)?.with_rules(profile.rules) })
+    }
+}
+
 /// The asset with what draws it.
 #[derive(Debug)]
 pub struct Stage {
     device: Device,
     /// Moments on a grid, all of which are kept.
     rough_field: DeformField,
-    /// Any moments.
-    field: DeformField,
-    renderer: Renderer,
+    /// What small pictures are drawn by.
+    own: Scenery,
+    /// Whose renderer drew the film, where that is another.
+    others: Option<Scenery>,
+    making: Making,
     background: [f32; 3],
     look_at: LookAt,
     moves: bool,
     rough: bool,
-    film_drawn_at: u32,
     places: Places,
     /// The plan that was made last: places are asked for where a picture was drawn.
-    planned: Option<Planned>,
+    planned: Option<(MadeFor, Arc<FramePlan>)>,
     /// Offsets with which the colours of a moment are places, of the moment that was asked last.
     as_places: Option<(Arc<SplatState>, Buffer<f32>)>,
 }
@@ -62,27 +96,19 @@ impl Stage {
     /// # Errors
     /// When memory runs out or the device fails.
     pub fn new(device: &Device, model: &Model) -> Result<Self, EngineError> {
-        Self::by_profile(device, model, &Profile::REFERENCE)
-    }
-
-    /// Of an asset that is shown as another renderer shows it.
-    ///
-    /// # Errors
-    /// When memory runs out or the device fails.
-    pub fn by_profile(device: &Device, model: &Model, profile: &Profile) -> Result<Self, EngineError> {
-        let field = || profile.upload(device, &model.gaussians, &model.motion);
+        let rough_field = DeformField::new(device, &model.gaussians, &model.motion)?;
         let look_at = LookAt::of(model, USUAL_FOV_X_RAD);
         let places = Places::about(middle(look_at));
         Ok(Self {
             device: device.clone(),
-            rough_field: field()?.with_cached_times(MOMENTS as usize + 1),
-            field: field()?.with_cached_times(CACHED),
-            renderer: Renderer::new(device)?.with_rules(profile.rules),
+            rough_field: rough_field.with_cached_times(MOMENTS as usize + 1),
+            own: Scenery::new(device, model, Viewer::Reference)?,
+            others: None,
+            making: Making::default(),
             background: model.background,
             look_at,
             moves: !model.motion.is_still(),
             rough: true,
-            film_drawn_at: 1,
             places,
             planned: None,
             as_places: None,
@@ -115,7 +141,7 @@ impl Stage {
         let moments = f64::from(MOMENTS);
         match self.rough {
             true => self.rough_field.at(narrow((time * moments).round() / moments)),
-            false => self.field.at(narrow(time)),
+            false => self.own.field.at(narrow(time)),
         }
     }
 
@@ -131,20 +157,50 @@ impl Stage {
         self.rough = rough;
     }
 
-    /// How many times as large as the film, along a side, the asset is drawn where it is drawn as the film was: films
-    /// may have been made smaller since.
-    pub fn set_film_drawn_at(&mut self, times: u32) {
-        self.film_drawn_at = times;
+    /// How the asset is drawn from now on where it is drawn as the film was; `model` is the same asset.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub fn draw_as(&mut self, model: &Model, making: Making) -> Result<(), EngineError> {
+        let viewer = making.viewer;
+        let has = |scenery: &Scenery| scenery.viewer == viewer;
+        if !has(&self.own) && !self.others.as_ref().is_some_and(has) {
+            self.others = Some(Scenery::new(&self.device, model, viewer)?);
+        }
+        self.making = making;
+        Ok(())
     }
 
-    /// See [`Self::set_film_drawn_at`].
+    /// See [`Self::draw_as`].
     #[must_use]
-    pub fn film_drawn_at(&self) -> u32 {
-        self.film_drawn_at
+    pub fn making(&self) -> Making {
+        self.making
+    }
+
+    /// What another renderer has of the asset, where that draws this.
+    fn others(&mut self, canvas: Canvas) -> Option<&mut Scenery> {
+        let viewer = self.making.viewer;
+        self.others.as_mut().filter(|others| canvas.drawn.is_some() && others.viewer == viewer)
+    }
+
+    /// The asset at a moment, as it is on this canvas.
+    fn on_canvas(&mut self, time: f64, canvas: Canvas) -> Result<Arc<SplatState>, EngineError> {
+        match self.others(canvas) {
+            Some(others) => others.field.at(narrow(time)),
+            None => self.at(time),
+        }
+    }
+
+    fn renderer(&mut self, canvas: Canvas) -> &mut Renderer {
+        // The other way round, `self` would be borrowed in both arms.
+        if self.others(canvas).is_none() {
+            return &mut self.own.renderer;
+        }
+        &mut self.others.as_mut().expect("it was there").renderer
     }
 
     fn drawn_at(&self, canvas: Canvas) -> Result<FrameSize, EngineError> {
-        let (size, times) = canvas.drawn.map_or((canvas.size, FINER), |film| (film, self.film_drawn_at));
+        let (size, times) = canvas.drawn.map_or((canvas.size, FINER), |film| (film, self.making.times));
         FrameSize::new(times * size.width(), times * size.height())
     }
 
@@ -154,10 +210,11 @@ impl Stage {
     /// When memory runs out or the device fails.
     pub fn draw(&mut self, pose: &Pose, canvas: Canvas) -> Result<Drawn, EngineError> {
         let drawn_at = self.drawn_at(canvas)?;
-        let plan = self.plan(pose, drawn_at)?;
+        let plan = self.plan(pose, canvas)?;
         let mut rec = self.device.recorder()?;
         let mut pixels = self.device.buffer("locate.frame", plan.frame_len())?;
-        self.renderer.forward(&mut rec, &plan, None, self.background, FrameMut { clip: &mut pixels, index: 0 })?;
+        let (background, frame) = (self.background, FrameMut { clip: &mut pixels, index: 0 });
+        self.renderer(canvas).forward(&mut rec, &plan, None, background, frame)?;
         rec.submit()?;
         Ok(Drawn::of(&pixels.read()?, drawn_at, canvas.size))
     }
@@ -168,8 +225,8 @@ impl Stage {
     /// When memory runs out or the device fails.
     pub fn points(&mut self, pose: &Pose, canvas: Canvas) -> Result<Vec<Option<DVec3>>, EngineError> {
         let (drawn_at, size) = (self.drawn_at(canvas)?, canvas.size);
-        let plan = self.plan(pose, drawn_at)?;
-        let state = self.at(pose.time)?;
+        let plan = self.plan(pose, canvas)?;
+        let state = self.on_canvas(pose.time, canvas)?;
         let as_places = match self.as_places.take() {
             Some(known) if Arc::ptr_eq(&known.0, &state) => known,
             _ => {
@@ -180,7 +237,8 @@ impl Stage {
         let mut rec = self.device.recorder()?;
         let mut places = self.device.buffer("locate.places", plan.frame_len())?;
         let offsets = Some(Offsets { data: &as_places.1, bases: OffsetBases::All });
-        self.renderer.forward(&mut rec, &plan, offsets, [0.0; 3], FrameMut { clip: &mut places, index: 0 })?;
+        let frame = FrameMut { clip: &mut places, index: 0 };
+        self.renderer(canvas).forward(&mut rec, &plan, offsets, [0.0; 3], frame)?;
         rec.submit()?;
         self.as_places = Some(as_places);
         // Sums where several drawn pixels are one of the picture, which are as many for all but at the borders.
@@ -202,27 +260,31 @@ impl Stage {
         Ok(sums.into_iter().map(point).collect())
     }
 
-    fn plan(&mut self, pose: &Pose, size: FrameSize) -> Result<Arc<FramePlan>, EngineError> {
-        let known = self.planned.as_ref();
-        if let Some(known) =
-            known.filter(|known| known.pose == *pose && known.size == size && known.rough == self.rough)
-        {
-            return Ok(Arc::clone(&known.plan));
+    fn plan(&mut self, pose: &Pose, canvas: Canvas) -> Result<Arc<FramePlan>, EngineError> {
+        let made_for = MadeFor {
+            pose: *pose,
+            size: self.drawn_at(canvas)?,
+            rough: self.rough,
+            viewer: self.others(canvas).map_or(Viewer::Reference, |others| others.viewer),
+        };
+        if let Some((_, plan)) = self.planned.as_ref().filter(|(known, _)| *known == made_for) {
+            return Ok(Arc::clone(plan));
         }
-        let state = self.at(pose.time)?;
-        let plan = Arc::new(self.renderer.plan(&state, &pose.camera(self.middle(), size), Prune::Keep)?);
-        self.planned = Some(Planned { pose: *pose, size, rough: self.rough, plan: Arc::clone(&plan) });
+        let state = self.on_canvas(pose.time, canvas)?;
+        let camera = pose.camera(self.middle(), made_for.size);
+        let plan = Arc::new(self.renderer(canvas).plan(&state, &camera, Prune::Keep)?);
+        self.planned = Some((made_for, Arc::clone(&plan)));
         Ok(plan)
     }
 }
 
-/// A plan and what it was made for.
-#[derive(Debug)]
-struct Planned {
+/// What a plan was made for.
+#[derive(Debug, PartialEq)]
+struct MadeFor {
     pose: Pose,
     size: FrameSize,
     rough: bool,
-    plan: Arc<FramePlan>,
+    viewer: Viewer,
 }
 
 fn middle(look_at: LookAt) -> Middle {

@@ -8,6 +8,7 @@ use std::str::FromStr;
 
 use guard4d_kernels::Device;
 use guard4d_kernels::splat::rules::{Extent, Opacity, Rules, SortKey, Stop};
+use serde::{Deserialize, Serialize};
 
 use super::deform::DeformField;
 use super::storage::{Positions, Rotations, Steps, Storage};
@@ -32,7 +33,8 @@ pub struct Profile {
 }
 
 /// Renderers with a preset.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "&'static str", try_from = "String")]
 pub enum Viewer {
     /// The rasteriser of Kerbl et al. 2023.
     Reference,
@@ -138,6 +140,20 @@ impl FromStr for Viewer {
     fn from_str(text: &str) -> Result<Self, String> {
         let found = Self::ALL.into_iter().find(|viewer| viewer.name() == text);
         found.ok_or_else(|| format!("one of {} is expected", Self::ALL.map(Self::name).join(", ")))
+    }
+}
+
+impl From<Viewer> for &'static str {
+    fn from(viewer: Viewer) -> Self {
+        viewer.name()
+    }
+}
+
+impl TryFrom<String> for Viewer {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
     }
 }
 

@@ -36,6 +36,9 @@ const BLACK: [f32; 3] = [0.0; 3];
 /// Start of the names of training checkpoints, which hold the splats too.
 const CHECKPOINT: &str = "chkpnt";
 
+/// Logit of an opacity of half a step of 8 bits, 0.5/255: what is less is lost in any picture.
+const LEAST_LOGIT: f32 = -6.232_448;
+
 /// A model as loaded: splats, their motion, and the files they came from.
 #[derive(Clone, Debug)]
 pub struct Model {
@@ -197,6 +200,18 @@ impl Model {
     #[must_use]
     pub fn is_rgb(&self) -> bool {
         self.sources.iter().any(SplatSource::is_rgb)
+    }
+
+    /// Whether the splat of row `row` is seen at any time from anywhere: no renderer draws what is less opaque than
+    /// half a step of 8 bits. A network that changes opacities may bring up any.
+    #[must_use]
+    pub fn is_ever_drawn(&self, row: usize) -> bool {
+        let is_drawn = |splats: &Gaussians| splats.opacities[row] >= LEAST_LOGIT;
+        match &self.motion {
+            Motion::HexPlane(weights) if !weights.config.no_do => true,
+            Motion::Sequence(moments) => moments.iter().any(is_drawn),
+            _ => is_drawn(&self.gaussians),
+        }
     }
 
     /// Hash of the files that hold the splats: of the only one's bytes, or of the hashes of all.

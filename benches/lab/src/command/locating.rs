@@ -72,7 +72,8 @@ pub(super) fn measure(
         let strength = strength_for(device, Issue::new(&model, prf, 1.0), DEFAULT_PSNR_DB)?;
         issue = issue.with_strength(strength);
         let leaked = Leak::Copy.gaussians(&issue);
-        let mut locator = Locator::new(device, other.as_ref().unwrap_or(&model))?;
+        let sought = other.as_ref().unwrap_or(&model);
+        let mut locator = Locator::new(device, sought)?;
         for (number, attack) in (0..args.films).flat_map(|film| args.attack.iter().map(move |attack| (film, *attack))) {
             if host.is_stopped() {
                 return Err(EngineError::Stopped);
@@ -83,7 +84,8 @@ pub(super) fn measure(
                 continue;
             }
             let shots = shots(&model, number, args.frames)?;
-            let case = Case { device, issue: &issue, leaked: &leaked, attack, pictures: args.pictures.as_deref() };
+            let pictures = args.pictures.as_deref();
+            let case = Case { device, issue: &issue, leaked: &leaked, sought, attack, pictures };
             let named = LocatedRow { asset: asset.clone(), film: number, attack: of, ..LocatedRow::default() };
             let row = measure::film(&case, &mut locator, &shots, folder.path(), named)?;
             host.note(&told(&row));

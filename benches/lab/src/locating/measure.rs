@@ -15,7 +15,7 @@ use guard4d_engine::media::png::png_bytes;
 use guard4d_engine::media::{Frame, ReadOptions};
 use guard4d_engine::render::SceneRenderer;
 use guard4d_engine::render::deform::DeformField;
-use guard4d_engine::scene::{Camera, Gaussians};
+use guard4d_engine::scene::{Camera, Gaussians, Model};
 use guard4d_kernels::Device;
 use serde::{Deserialize, Serialize};
 
@@ -88,6 +88,8 @@ pub struct Case<'a> {
     pub device: &'a Device,
     /// The issue of the asset that is filmed.
     pub issue: &'a Issue<'a>,
+    /// What is looked for in the film: the same asset, or another.
+    pub sought: &'a Model,
     /// Base colours of the copy that leaks.
     pub leaked: &'a Gaussians,
     /// What is done to the film.
@@ -108,12 +110,12 @@ pub fn film(
     folder: &Path,
     named: LocatedRow,
 ) -> Result<LocatedRow, EngineError> {
-    let Case { device, issue, attack, .. } = *case;
+    let Case { device, issue, sought, attack, .. } = *case;
     let spoilt = attack.apply(draw(case, shots)?, shots, folder)?;
     let path = folder.join("film.mkv");
     let started = Instant::now();
     let reading = Reading::of(&path, &ReadOptions::default(), NonZeroU32::MAX, &mut || Ok(()))?;
-    let track = locator.locate(&reading.pictures, &mut Unobserved)?;
+    let track = locator.locate(sought, &reading.pictures, &mut Unobserved)?;
     let (first, _) = spoilt.shots[0];
     let row = LocatedRow {
         likeness: track.guess.map_or(0.0, |guess| guess.correlation),
