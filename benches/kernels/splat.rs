@@ -211,6 +211,9 @@ fn blend(bench: &mut Bench, scene: &str, background: [f32; 3], lists: &VisibleLi
     bench.passes(&format!("splat/rasterize forward {label}"), work, |rec| {
         rasterize::forward(rec, lists, &colours, background, FrameMut { clip: &mut clip, index: 0 })
     })?;
+    bench.passes(&format!("splat/rasterize forward in bytes {label}"), work, |rec| {
+        rasterize::forward_in_bytes(rec, lists, &colours, background, FrameMut { clip: &mut clip, index: 0 })
+    })?;
     let mut scratch = BackwardScratch::new(&bench.device, pairs)?;
     let work = Work::Bytes((72 * pairs + 16 * pixels) as f64, "72·I + 16·H·W");
     bench.passes(&format!("splat/rasterize backward {label}"), work, |rec| {

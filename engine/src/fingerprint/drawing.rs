@@ -1,6 +1,6 @@
 //! How a film was drawn: by whose renderer, on what background, how finely. And the original, drawn alike.
 
-use guard4d_kernels::{Buffer, Device};
+use guard4d_kernels::{Buffer, Device, Recorder};
 
 use crate::error::EngineError;
 use crate::render::deform::DeformField;
@@ -98,22 +98,40 @@ impl Painter {
         Ok(Drawn { plan: self.renderer.fix_view(plan)?, look })
     }
 
-    /// A picture `[H, W, 4]` of the asset with offsets of its DC terms; the last channel is the final transmittance.
+    /// A picture `[H, W, 4]` of the asset, with all that its renderer rounds; the last channel is the final
+    /// transmittance.
     ///
     /// # Errors
     /// When memory runs out or the device fails.
-    pub(super) fn draw(&mut self, drawn: &Drawn, offsets: Option<&Buffer<f32>>) -> Result<Vec<f32>, EngineError> {
-        let Drawn { plan, look } = drawn;
-        let mut pixels = self.device.buffer("film.frame", plan.frame_len())?;
+    pub(super) fn draw(&mut self, drawn: &Drawn) -> Result<Vec<f32>, EngineError> {
+        self.run(drawn, |renderer, rec, background, frame| renderer.forward(rec, &drawn.plan, None, background, frame))
+    }
+
+    /// The same with offsets of its DC terms, as if no framebuffer rounded anything: linear in the colours.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub(super) fn draw_linear(&mut self, drawn: &Drawn, offsets: &Buffer<f32>) -> Result<Vec<f32>, EngineError> {
+        let offsets = Some(Offsets { data: offsets, bases: BASES });
+        self.run(drawn, |renderer, rec, background, frame| {
+            renderer.forward_linear(rec, &drawn.plan, offsets, background, frame)
+        })
+    }
+
+    fn run(
+        &mut self,
+        drawn: &Drawn,
+        forward: impl FnOnce(&mut Renderer, &mut Recorder, [f32; 3], FrameMut<'_>) -> Result<(), EngineError>,
+    ) -> Result<Vec<f32>, EngineError> {
+        let mut pixels = self.device.buffer("film.frame", drawn.plan.frame_len())?;
         let mut rec = self.device.recorder()?;
-        let offsets = offsets.map(|data| Offsets { data, bases: BASES });
         let frame = FrameMut { clip: &mut pixels, index: 0 };
-        self.renderer.forward(&mut rec, plan, offsets, look.background, frame)?;
+        forward(&mut self.renderer, &mut rec, drawn.look.background, frame)?;
         rec.submit()?;
         Ok(made_smaller(pixels.read()?, drawn))
     }
 
-    /// Adds what a picture says of each splat's offsets: the transpose of [`Painter::draw`].
+    /// Adds what a picture says of each splat's offsets: the transpose of [`Painter::draw_linear`].
     ///
     /// # Errors
     /// When memory runs out or the device fails.

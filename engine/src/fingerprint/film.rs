@@ -26,7 +26,7 @@ const PROBE: f64 = 0.02;
 #[derive(Debug)]
 struct Exposure {
     drawn: Drawn,
-    /// Red of the unmarked asset at each pixel.
+    /// Red of the unmarked asset at each pixel, as if no framebuffer rounded it.
     clean: Vec<f32>,
     /// Whether a pixel counts.
     counted: Vec<bool>,
@@ -76,7 +76,8 @@ impl Exposures {
             self.sums.squares += f64::from(*limited).powi(2);
         }
         let mut v_offsets = self.no_offsets()?;
-        self.studio.painter(drawn.look.viewer).back(&drawn, &self.offsets, v_picture, &mut v_offsets)?;
+        let painter = self.studio.painter(drawn.look.viewer);
+        painter.back(&drawn, &self.offsets, v_picture, &mut v_offsets)?;
         let rows = v_offsets.read()?;
         let sums = self.sums.residual.iter_mut().zip(&mut self.sums.response);
         for ((residual, response), v) in sums.zip(rows.chunks_exact(BASES.floats())) {
@@ -84,7 +85,8 @@ impl Exposures {
             *residual += f64::from(v[0]) / Y0;
             *response += f64::from(v[1]) / Y0;
         }
-        let clean = clean.chunks_exact(4).map(|pixel| pixel[0]).collect();
+        // What others are compared with that nothing is rounded in either.
+        let clean = painter.draw_linear(&drawn, &self.offsets)?.chunks_exact(4).map(|pixel| pixel[0]).collect();
         self.exposures.push(Exposure { drawn, clean, counted });
         Ok(())
     }
@@ -143,7 +145,7 @@ impl Seen for Exposures {
         let mut v_offsets = self.no_offsets()?;
         for Exposure { drawn, clean, counted } in &self.exposures {
             let painter = self.studio.painter(drawn.look.viewer);
-            let mut pixels = painter.draw(drawn, Some(&moved))?;
+            let mut pixels = painter.draw_linear(drawn, &moved)?;
             for ((pixel, clean), counted) in pixels.chunks_exact_mut(4).zip(clean).zip(counted) {
                 let difference = if *counted { pixel[0] - clean } else { 0.0 };
                 pixel.copy_from_slice(&[difference, 0.0, 0.0, 0.0]);

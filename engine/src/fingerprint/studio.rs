@@ -65,7 +65,7 @@ impl Studio {
         }
         let painter = self.painter(look.viewer);
         let drawn = painter.plan(&shot.camera, shot.time, look)?;
-        let clean = painter.draw(&drawn, None)?;
+        let clean = painter.draw(&drawn)?;
         Ok(Taken { drawn, clean })
     }
 

@@ -44,6 +44,8 @@ const APART_OF_USUAL: f64 = 4.0;
 const MUCH_BETTER: f64 = 0.6;
 /// What a picture costs, of one that is made in a likelier way, to be taken for the film's.
 const CLEARLY: f64 = 0.9;
+/// Frames of a shot that tell how it was made.
+const MADE: usize = 3;
 /// What a frame costs, of what is usual beside it, to be looked at again; moments that are tried then.
 const DEAR: f64 = 1.4;
 const BESIDE: usize = 4;
@@ -217,7 +219,7 @@ impl Locator {
         }
         let mut fits: Vec<Fit> = fits.into_iter().flatten().collect();
         self.stage.set_rough(false);
-        draw_as(&mut self.stage, model, &frames[begun.frame], &fits[begun.frame].pose)?;
+        draw_as(&mut self.stage, model, frames, &fits)?;
         self.settle(frames, &mut fits, begun.frame, work)?;
         let usual = median(fits.iter().map(|fit| fit.correlation));
         let is_sure = |fit: &Fit| usual >= FOUND && fit.correlation >= LEFT_OUT * usual;
@@ -366,23 +368,34 @@ impl Locator {
     }
 }
 
-/// Has the asset drawn as a film was that this is a frame of: by its renderer, at its size or at twice that and then
-/// made smaller, whichever fits clearly better than those before.
-fn draw_as(stage: &mut Stage, model: &Model, frame: &Gray, pose: &Pose) -> Result<(), EngineError> {
+/// Has the asset drawn as a film was whose frames these are: by its renderer, at its size or at twice that and then made
+/// smaller, whichever fits clearly better than those before. Then the same once more, from where the frames fit it.
+fn draw_as(stage: &mut Stage, model: &Model, frames: &[Gray], fits: &[Fit]) -> Result<(), EngineError> {
+    let shown = MADE.min(frames.len());
+    let shown: Vec<usize> = (0..shown).map(|number| (2 * number + 1) * frames.len() / (2 * shown)).collect();
+    let mut poses: Vec<Pose> = shown.iter().map(|at| fits[*at].pose).collect();
     stage.draw_as(model, Making::default())?;
-    let pose = align(stage, frame, pose, LAST)?.pose;
-    let (mut best, mut least) = (Making::default(), f64::INFINITY);
-    for viewer in Viewer::ALL {
-        for times in [1, 2] {
-            let making = Making { viewer, times };
-            stage.draw_as(model, making)?;
-            let cost = costs_of(stage, frame, &[pose], LAST)?[0];
-            if cost < CLEARLY * least {
-                (best, least) = (making, cost);
+    for _ in 0..2 {
+        for (pose, at) in poses.iter_mut().zip(&shown) {
+            *pose = align(stage, &frames[*at], pose, LAST)?.pose;
+        }
+        let (mut best, mut least) = (Making::default(), f64::INFINITY);
+        for viewer in Viewer::ALL {
+            for times in [1, 2] {
+                let making = Making { viewer, times };
+                stage.draw_as(model, making)?;
+                let mut cost = 0.0;
+                for (pose, at) in poses.iter().zip(&shown) {
+                    cost += costs_of(stage, &frames[*at], &[*pose], LAST)?[0];
+                }
+                if cost < CLEARLY * least {
+                    (best, least) = (making, cost);
+                }
             }
         }
+        stage.draw_as(model, best)?;
     }
-    stage.draw_as(model, best)
+    Ok(())
 }
 
 /// A frame's last steps, from the first of several places unless it fits much better in another.

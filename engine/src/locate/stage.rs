@@ -214,7 +214,7 @@ impl Stage {
         let mut rec = self.device.recorder()?;
         let mut pixels = self.device.buffer("locate.frame", plan.frame_len())?;
         let (background, frame) = (self.background, FrameMut { clip: &mut pixels, index: 0 });
-        self.renderer(canvas).forward(&mut rec, &plan, None, background, frame)?;
+        self.renderer(canvas).forward_linear(&mut rec, &plan, None, background, frame)?;
         rec.submit()?;
         Ok(Drawn::of(&pixels.read()?, drawn_at, canvas.size))
     }
@@ -238,7 +238,7 @@ impl Stage {
         let mut places = self.device.buffer("locate.places", plan.frame_len())?;
         let offsets = Some(Offsets { data: &as_places.1, bases: OffsetBases::All });
         let frame = FrameMut { clip: &mut places, index: 0 };
-        self.renderer(canvas).forward(&mut rec, &plan, offsets, [0.0; 3], frame)?;
+        self.renderer(canvas).forward_linear(&mut rec, &plan, offsets, [0.0; 3], frame)?;
         rec.submit()?;
         self.as_places = Some(as_places);
         // Sums where several drawn pixels are one of the picture, which are as many for all but at the borders.

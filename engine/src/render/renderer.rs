@@ -6,7 +6,7 @@ use guard4d_kernels::shape::OffsetBases;
 use guard4d_kernels::splat::dc_colour;
 use guard4d_kernels::splat::project::View;
 use guard4d_kernels::splat::rasterize::{self, BackwardScratch, Frame, FrameMut};
-use guard4d_kernels::splat::rules::Rules;
+use guard4d_kernels::splat::rules::{Framebuffer, Rules};
 use guard4d_kernels::splat::sh::{self, ShInputs};
 use guard4d_kernels::splat::tile_bin::{Prune, TileBinner};
 use guard4d_kernels::{Buffer, Device, Recorder};
@@ -111,7 +111,8 @@ impl Renderer {
     }
 
     /// Renders one frame with the scene's coefficients plus `offsets` into its place in a clip `[F,H,W,4]`:
-    /// rgb over `background`, not clamped, and the final transmittance.
+    /// rgb over `background`, not clamped unless the framebuffer of the plan's rules is one of 8 bits, and the final
+    /// transmittance.
     ///
     /// # Errors
     /// [`guard4d_kernels::KernelError::Shape`] when a buffer is too short, or offsets beside the DC terms meet a fixed
@@ -124,6 +125,39 @@ impl Renderer {
         background: [f32; 3],
         frame: FrameMut<'_>,
     ) -> Result<(), EngineError> {
+        self.colour(rec, plan, offsets)?;
+        match plan.lists.rules.framebuffer {
+            Framebuffer::Floats => rasterize::forward(rec, &plan.lists, &self.colours, background, frame)?,
+            Framebuffer::Bytes => rasterize::forward_in_bytes(rec, &plan.lists, &self.colours, background, frame)?,
+        }
+        Ok(())
+    }
+
+    /// The same as if nothing were rounded in any framebuffer: linear in the colours, and what [`Self::backward`] is
+    /// the transpose of.
+    ///
+    /// # Errors
+    /// As [`Renderer::forward`].
+    pub fn forward_linear(
+        &mut self,
+        rec: &mut Recorder,
+        plan: &FramePlan,
+        offsets: Option<Offsets<'_>>,
+        background: [f32; 3],
+        frame: FrameMut<'_>,
+    ) -> Result<(), EngineError> {
+        self.colour(rec, plan, offsets)?;
+        rasterize::forward(rec, &plan.lists, &self.colours, background, frame)?;
+        Ok(())
+    }
+
+    /// Works out the colours of a plan's splats.
+    fn colour(
+        &mut self,
+        rec: &mut Recorder,
+        plan: &FramePlan,
+        offsets: Option<Offsets<'_>>,
+    ) -> Result<(), EngineError> {
         match (plan.base_colours(), offsets) {
             (Some(base), None) => dc_colour::forward(rec, &base, None, &mut self.colours)?,
             (Some(base), Some(Offsets { data, bases: OffsetBases::Dc })) => {
@@ -132,7 +166,6 @@ impl Renderer {
             // Without directions a fixed view is refused for offsets that turn with it.
             _ => sh::forward(rec, &sh_inputs(plan, offsets), &plan.visible(), &mut self.colours)?,
         }
-        rasterize::forward(rec, &plan.lists, &self.colours, background, frame)?;
         Ok(())
     }
 

@@ -5,7 +5,8 @@ use super::tile_bin::VisibleLists;
 use super::tile_grid::{TILE, TileGrid, pixel_workgroups, stride, workgroups};
 use crate::error::KernelError;
 use crate::registry::splat::{
-    rasterize_bwd, rasterize_bwd_tile, rasterize_clear, rasterize_fwd, rasterize_fwd_tile, rasterize_gather,
+    rasterize_bwd, rasterize_bwd_tile, rasterize_bytes, rasterize_clear, rasterize_fwd, rasterize_fwd_tile,
+    rasterize_gather,
 };
 use crate::shape::{dim, require_len};
 use crate::vk::{Buffer, Device, Grid, KernelFamily, Recorder};
@@ -55,7 +56,7 @@ impl BackwardScratch {
     }
 }
 
-/// Blends the visible splats into one frame of a clip.
+/// Blends the visible splats into one frame of a clip. Linear in the colours, whatever framebuffer the rules name.
 ///
 /// # Shapes
 /// in `lists` · `colours` \[V,4\] · out `frame` \[H,W,4\] (=): rgb over the background, final transmittance
@@ -120,6 +121,58 @@ pub fn forward(
         }
     }
     clear(rec, lists, background, frame)
+}
+
+/// The same into a framebuffer of 8 bits a channel, back to front: each splat is rounded to steps of 1/255, halves up,
+/// and what leaves 0 to 1 is cut off.
+///
+/// # Shapes
+/// As [`forward`]
+/// # Equation
+/// `c ← ⌊255 (c + alpha (colour − c)) + ½⌋ / 255` from the last splat to the first; no pixel stops.
+/// # Determinism: bitwise; no atomics
+/// # Cost
+/// About 40·64 operations per pair, and 52 bytes read by eight invocations.
+///
+/// # Errors
+/// [`KernelError::Shape`] before anything is recorded.
+pub fn forward_in_bytes(
+    rec: &mut Recorder,
+    lists: &VisibleLists,
+    colours: &Buffer<f32>,
+    background: [f32; 3],
+    frame: FrameMut<'_>,
+) -> Result<(), KernelError> {
+    let (grid, rules) = (lists.grid, lists.rules);
+    require_len(KERNEL, "colours", colours.len(), 4 * lists.num_visible)?;
+    require_len(KERNEL, "clip", frame.clip.len(), 4 * grid.num_pixels() * (frame.index + 1))?;
+    let bind = rasterize_bytes::Bind {
+        geom: &lists.geom,
+        colours,
+        splat_from_isect: &lists.splat_from_isect,
+        tile_offsets: &lists.tile_offsets,
+        tile_order: &lists.tile_order,
+        image: &mut *frame.clip,
+    };
+    let params = rasterize_bytes::Params {
+        width: grid.width,
+        height: grid.height,
+        tiles_x: grid.tiles_x(),
+        num_active: dim(lists.num_active),
+        tile_stride: stride(lists.num_active),
+        out_offset: dim(grid.num_pixels() * frame.index),
+        background_r: background[0],
+        background_g: background[1],
+        background_b: background[2],
+        min_alpha: rules.min_alpha,
+        max_alpha: rules.max_alpha,
+        span: rules.span(),
+        foot: rules.foot,
+    };
+    let spec = rasterize_bytes::Spec { packed: u32::from(lists.is_packed()), plain: rules.plain() };
+    rec.dispatch_spec(bind, params, spec, workgroups(lists.num_active))?;
+    let stored = |channel: f32| (255.0 * channel.clamp(0.0, 1.0) + 0.5).floor() / 255.0;
+    clear(rec, lists, background.map(stored), frame)
 }
 
 /// Fills the tiles without pairs.

@@ -37,6 +37,15 @@ pub enum Stop {
     Behind,
 }
 
+/// What a picture is blended in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Framebuffer {
+    /// Numbers that nothing is rounded in.
+    Floats,
+    /// 8 bits a channel, back to front: every splat is rounded in.
+    Bytes,
+}
+
 /// How splats are projected and blended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rules {
@@ -70,6 +79,8 @@ pub struct Rules {
     pub stop: Stop,
     /// What comes first.
     pub sort_key: SortKey,
+    /// What pictures are blended in.
+    pub framebuffer: Framebuffer,
 }
 
 impl Rules {
@@ -90,6 +101,7 @@ impl Rules {
         max_alpha: 0.99,
         stop: Stop::Before,
         sort_key: SortKey::Depth,
+        framebuffer: Framebuffer::Floats,
     };
 
     /// 1 where the kernels' own constants say all of it.

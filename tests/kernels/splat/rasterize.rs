@@ -3,8 +3,8 @@
 use guard4d_kernels::reference::splat::rasterize as twin;
 use guard4d_kernels::reference::splat::tile_bin::pruned_lists as twin_tiles;
 use guard4d_kernels::splat::project::View;
-use guard4d_kernels::splat::rasterize::{BackwardScratch, Frame, FrameMut, backward, forward};
-use guard4d_kernels::splat::rules::Rules;
+use guard4d_kernels::splat::rasterize::{BackwardScratch, Frame, FrameMut, backward, forward, forward_in_bytes};
+use guard4d_kernels::splat::rules::{Framebuffer, Rules};
 use guard4d_kernels::splat::tile_bin::{Prune, VisibleLists};
 use guard4d_kernels::{Device, KernelError};
 
@@ -34,11 +34,25 @@ fn scatter(lists: &VisibleLists, rows: &[f32], n: usize) -> Vec<f32> {
 }
 
 fn render(device: &Device, lists: &VisibleLists, colours: &[f32], background: [f32; 3]) -> Vec<f32> {
+    render_into(Framebuffer::Floats, device, lists, colours, background)
+}
+
+fn render_into(
+    framebuffer: Framebuffer,
+    device: &Device,
+    lists: &VisibleLists,
+    colours: &[f32],
+    background: [f32; 3],
+) -> Vec<f32> {
     let colours = device.buffer_from("colours", colours).expect("buffer");
     let mut image = device.buffer("image", 4 * lists.grid.num_pixels()).expect("buffer");
     let mut rec = device.recorder().expect("recorder");
     let frame = FrameMut { clip: &mut image, index: 0 };
-    forward(&mut rec, lists, &colours, background, frame).expect("records");
+    match framebuffer {
+        Framebuffer::Floats => forward(&mut rec, lists, &colours, background, frame),
+        Framebuffer::Bytes => forward_in_bytes(&mut rec, lists, &colours, background, frame),
+    }
+    .expect("records");
     rec.submit().expect("runs");
     image.read().expect("read")
 }
@@ -116,6 +130,68 @@ fn twin_pixels_are_what_the_rules_say() {
     near(alpha(Rules { reach: 0.99, ..view.rules }, 37), 0.0);
     near(alpha(Rules { reach: 1.01, ..view.rules }, 37), 0.5 * falloff);
     near(alpha(Rules { min_alpha: 0.31, ..view.rules }, 37), 0.0);
+}
+
+#[test]
+fn twin_bytes_are_rounded_after_every_splat() {
+    // Three splats of standard deviations of 10 px over one another; the first is in front.
+    let means = [0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 2.1, 0.0, 0.0, 0.0, 2.2, 0.0].to_vec();
+    let log = 0.2f32.ln();
+    let scene = Scene { means, scales: [log, log, log, 0.0].repeat(3), quats: [1.0, 0.0, 0.0, 0.0].repeat(3) };
+    let view = View {
+        world_to_camera: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+        focal: [100.0; 2],
+        centre: [32.0; 2],
+        width: 64,
+        height: 64,
+        rules: Rules { dilation: 0.0, ..Rules::REFERENCE },
+    };
+    let splats = scene.project::<f64>(&view);
+    let alphas: Vec<f64> = splats.iter().map(|splat| splat.as_ref().expect("seen").opacity).collect();
+    let colours = [0.2, 0.5, 1.7, 0.0, 0.9, 0.5, -0.4, 0.0, 0.3, 0.5, 0.6, 0.0];
+    let background = [0.1, 0.5, 0.9];
+    let image = twin::forward_in_bytes(&splats, &colours, background, &screen(&view));
+    // The pixel at the centres, where falloff is what half a pixel leaves of it.
+    let falloff = |splat: usize| {
+        let [a, b, c] = splats[splat].as_ref().expect("seen").conic;
+        let [dx, dy] = splats[splat].as_ref().expect("seen").mean2d.map(|x| x - 32.0);
+        (-0.5 * (a * dx * dx + c * dy * dy) - b * dx * dy).exp()
+    };
+    let in_steps = |x: f64| (255.0 * x.clamp(0.0, 1.0) + 0.5).floor() / 255.0;
+    for channel in 0..3 {
+        let mut want = in_steps(background[channel]);
+        for splat in [2, 1, 0] {
+            let alpha = alphas[splat] * falloff(splat);
+            want = in_steps(want * (1.0 - alpha) + alpha * colours[4 * splat + channel]);
+        }
+        let got = image[4 * (32 * 64 + 32) + channel];
+        assert!((got - want).abs() < 1e-12, "channel {channel}: {got}, expected {want}");
+    }
+    assert_eq!(image[0], in_steps(background[0]), "where there is no splat");
+}
+
+#[test]
+fn gpu_bytes_follow_the_twin() {
+    let Some(gpu) = device() else { return };
+    for rules in scene::rules().into_iter().chain([Rules::REFERENCE]) {
+        for (n, width, height) in [(400, 37, 53), (3000, 200, 120)] {
+            let (scene, view) = (scene::random(n, n as u64), View { rules, ..scene::view(width, height) });
+            let colours = Random(9).vec_f32(4 * scene.len(), -0.2, 1.2);
+            let want = twin::forward_in_bytes(&scene.project::<f32>(&view), &colours, BACKGROUND, &screen(&view));
+            let lists = lists(&gpu, &scene, &view, Prune::Keep);
+            let image = render_into(Framebuffer::Bytes, &gpu, &lists, &visible(&lists, &colours), BACKGROUND);
+            let steps = |value: &f32| 255.0 * value;
+            assert!(
+                image.chunks(4).all(|pixel| pixel[..3].iter().all(|c| (steps(c) - steps(c).round()).abs() < 1e-3)),
+                "all colours are steps"
+            );
+            let off = image.iter().zip(&want).filter(|(g, w)| worst_ratio(&[**g], &[**w], 1e-4, 0.0) > 1.0).count();
+            // A half may be rounded to either side, in one of a hundred pixels with some dozen splats each.
+            assert!(off * 50 <= image.len(), "{off} of {} values are off", image.len());
+            // Two steps: what is a step off is covered by what comes before it.
+            assert_close(&image, &want, 2.5 / 255.0, 0.0);
+        }
+    }
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use super::project::Projected;
 use super::tile_bin::{TILE, pruned_lists};
-use super::traverse::{Hit, Screen, traverse};
+use super::traverse::{Hit, Screen, meet, traverse};
 use crate::reference::real::Real;
 
 /// As [`traverse`], and where one of the `factors` of the weights is not finite also the terms that vanish otherwise:
@@ -58,6 +58,33 @@ pub fn forward<R: Real>(
             pixel[k] += t * background[k];
         }
         pixel[3] = t;
+    }
+    image
+}
+
+/// The same through a framebuffer of 8 bits: back to front, each splat rounded to steps of 1/255.
+#[must_use]
+pub fn forward_in_bytes<R: Real>(
+    splats: &[Option<Projected<R>>],
+    colours: &[R],
+    background: [R; 3],
+    screen: &Screen<R>,
+) -> Vec<R> {
+    let steps = R::of(255.0);
+    let stored =
+        |channel: R| R::of((steps * channel.max(R::of(0.0)).min(R::of(1.0)) + R::of(0.5)).f64().floor()) / steps;
+    let mut met = vec![Vec::new(); screen.size[0] * screen.size[1]];
+    meet(splats, screen, |splat, pixel, alpha| met[pixel].push((splat, alpha)));
+    let mut image = Vec::new();
+    for met in met {
+        let (mut pixel, mut transmittance) = (background.map(stored), R::of(1.0));
+        for (splat, alpha) in met.into_iter().rev() {
+            for k in 0..3 {
+                pixel[k] = stored(pixel[k] + alpha * (colours[4 * splat + k] - pixel[k]));
+            }
+            transmittance = transmittance * (R::of(1.0) - alpha);
+        }
+        image.extend(pixel.into_iter().chain([transmittance]));
     }
     image
 }

@@ -43,32 +43,43 @@ fn alpha_at<R: Real>(opacity: R, power: R, rules: &Rules<R>) -> Option<R> {
     (within && alpha >= rules.min_alpha).then_some(alpha)
 }
 
-/// Walks splats front to back over the pixels of their 16 x 16 tiles (Kerbl et al. 2023) and returns
-/// the final transmittance `[H,W]`.
-pub fn traverse<R: Real>(splats: &[Option<Projected<R>>], screen: &Screen<R>, mut visit: impl FnMut(Hit<R>)) -> Vec<R> {
+/// Walks splats front to back over the pixels of their 16 x 16 tiles (Kerbl et al. 2023): `visit` takes each splat, a
+/// pixel, and its alpha there where that counts.
+pub fn meet<R: Real>(splats: &[Option<Projected<R>>], screen: &Screen<R>, mut visit: impl FnMut(usize, usize, R)) {
     let Screen { size: [width, height], rules } = *screen;
-    let mut transmittance = vec![R::of(1.0); width * height];
-    let mut stopped = vec![false; width * height];
     for splat in depth_order(splats) {
         let Some(s) = &splats[splat] else { continue };
         let [x0, y0, x1, y1] = s.tiles.map(|t| 16 * t);
         for y in y0..y1.min(height) {
             for x in x0..x1.min(width) {
-                let pixel = y * width + x;
                 let (dx, dy) = (s.mean2d[0] - R::of(x as f64), s.mean2d[1] - R::of(y as f64));
                 let [a, b, c] = s.conic;
                 let power = R::of(-0.5) * (a * dx * dx + c * dy * dy) - b * dx * dy;
-                let Some(alpha) = alpha_at(s.opacity, power, &rules).filter(|_| !stopped[pixel]) else { continue };
-                let next = transmittance[pixel] * (R::of(1.0) - alpha);
-                stopped[pixel] = next < R::of(STOP_TRANSMITTANCE);
-                let drawn = !stopped[pixel] || rules.ends_behind;
-                let weight = if drawn { alpha * transmittance[pixel] } else { R::of(0.0) };
-                if drawn {
-                    transmittance[pixel] = next;
+                if let Some(alpha) = alpha_at(s.opacity, power, &rules) {
+                    visit(splat, y * width + x, alpha);
                 }
-                visit(Hit { splat, pixel, weight });
             }
         }
     }
+}
+
+/// The same until pixels stop; returns the final transmittance `[H,W]`.
+pub fn traverse<R: Real>(splats: &[Option<Projected<R>>], screen: &Screen<R>, mut visit: impl FnMut(Hit<R>)) -> Vec<R> {
+    let [width, height] = screen.size;
+    let mut transmittance = vec![R::of(1.0); width * height];
+    let mut stopped = vec![false; width * height];
+    meet(splats, screen, |splat, pixel, alpha| {
+        if stopped[pixel] {
+            return;
+        }
+        let next = transmittance[pixel] * (R::of(1.0) - alpha);
+        stopped[pixel] = next < R::of(STOP_TRANSMITTANCE);
+        let drawn = !stopped[pixel] || screen.rules.ends_behind;
+        let weight = if drawn { alpha * transmittance[pixel] } else { R::of(0.0) };
+        if drawn {
+            transmittance[pixel] = next;
+        }
+        visit(Hit { splat, pixel, weight });
+    });
     transmittance
 }
