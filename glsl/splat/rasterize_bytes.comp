@@ -1,6 +1,6 @@
 #version 460
-// splat/rasterize_bytes: back-to-front blending into a framebuffer of 8 bits, which rounds after every splat, as viewers
-// in browsers do. One workgroup per 8x8 tile, one invocation per column.
+// splat/rasterize_bytes: back-to-front blending into a framebuffer of 8 bits, which rounds after every splat, as
+// viewers in browsers do. One workgroup per 8x8 tile, one invocation per column.
 //   in   geom [V,8] = mean2d.xy, conic.ab | conic.c, opacity, depth, -   colours [V,4]   tile_offsets [tiles+1]
 //     tile_order [tiles] active ones first
 //        splat_from_isect [I, padded by 8] front to back inside a tile, as in lib/isect.glsl
@@ -57,7 +57,8 @@ void main() {
         float peak = shape.z * dx * dx + log_opacity, bx = shape.w * dx;
         [[unroll]] for (int k = 0; k < 8; ++k) {
             float alpha = splat_alpha(rules, peak, bx, rest.x, log_opacity, top - float(k));
-            steps[k] = stored(steps[k] + alpha * (colour - steps[k]));
+            // What a framebuffer of 8 bits is given is cut at white before it is blended.
+            steps[k] = stored(min(alpha * colour, STEPS) + (1.0 - alpha) * steps[k]);
             t[k] *= 1.0 - alpha;
         }
     } while (at > begin);

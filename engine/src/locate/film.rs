@@ -368,8 +368,8 @@ impl Locator {
     }
 }
 
-/// Has the asset drawn as a film was whose frames these are: by its renderer, at its size or at twice that and then made
-/// smaller, whichever fits clearly better than those before. Then the same once more, from where the frames fit it.
+/// Has the asset drawn as a film was whose frames these are: by its renderer, at its size or at twice that and then
+/// made smaller, whichever fits clearly better than those before. Then the same once more, from where frames fit it.
 fn draw_as(stage: &mut Stage, model: &Model, frames: &[Gray], fits: &[Fit]) -> Result<(), EngineError> {
     let shown = MADE.min(frames.len());
     let shown: Vec<usize> = (0..shown).map(|number| (2 * number + 1) * frames.len() / (2 * shown)).collect();

@@ -1,8 +1,7 @@
 //! Other people's renderers: what they do with the same splats, as numbers.
 //!
 //! Each preset says where its numbers come from; `tests/interop/viewers.cjs` films by the viewers themselves. What none
-//! of them models are framebuffers of 8 bits, in which viewers blend back to front and round after every splat, and
-//! sorts by buckets of depth, in which splats close to each other stand in any order.
+//! of them models are sorts by buckets of depth, in which splats close to each other stand in any order.
 
 use std::str::FromStr;
 
@@ -19,9 +18,6 @@ use crate::scene::{Gaussians, Motion};
 const QUAD: f32 = 2.0 * std::f32::consts::SQRT_2;
 /// What 8 bits hold.
 const BYTE: f32 = 255.0;
-/// Of colours that are not cut themselves, but in the framebuffer, after every splat: what comes closest to
-/// `PlayCanvas` where a scene shines, among 1, 1.25, 1.5 and 4, and changes nothing elsewhere.
-const BRIGHTEST: f32 = 1.25;
 
 /// How a renderer shows splats.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -190,7 +186,7 @@ fn play_canvas() -> Profile {
         // Quads of fewer than two half pixels from the middle to the edge are left out.
         min_major: 1.0 / (QUAD * QUAD),
         foot: (-4.0f32).exp(),
-        max_colour: BRIGHTEST,
+        max_colour: f32::INFINITY,
         min_alpha: 1.0 / BYTE,
         framebuffer: Framebuffer::Bytes,
         ..QUADS

@@ -129,7 +129,7 @@ pub fn forward(
 /// # Shapes
 /// As [`forward`]
 /// # Equation
-/// `c ← ⌊255 (c + alpha (colour − c)) + ½⌋ / 255` from the last splat to the first; no pixel stops.
+/// `c ← ⌊255 (min(alpha colour, 1) + (1 − alpha) c) + ½⌋ / 255` from the last splat to the first; no pixel stops.
 /// # Determinism: bitwise; no atomics
 /// # Cost
 /// About 40·64 operations per pair, and 52 bytes read by eight invocations.

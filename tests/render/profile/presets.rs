@@ -5,6 +5,7 @@ use guard4d_engine::render::profile::{Profile, Viewer};
 use guard4d_engine::render::storage::{Steps, Storage};
 use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{Gaussians, Model, Motion};
+use guard4d_kernels::splat::rules::Framebuffer;
 
 use super::super::psnr;
 use crate::support::gpu::{Gpu, device};
@@ -43,6 +44,32 @@ fn the_reference_draws_as_ever_and_the_others_differ() {
         let close_db = psnr(&pixels, &plain);
         // The same scene, in which no viewer's dilation changes more than the edges.
         assert!((20.0..90.0).contains(&close_db), "{}: {close_db:.1} dB", viewer.name());
+    }
+}
+
+#[test]
+fn viewers_in_browsers_blend_in_steps_of_eight_bits() {
+    let Some(gpu) = device() else { return };
+    let model = demo();
+    for viewer in Viewer::ALL {
+        let profile = viewer.profile();
+        let pixels = drawn(&gpu, &model, Some(profile));
+        let colours = || pixels.chunks(4).flat_map(|pixel| &pixel[..3]).map(|value| 255.0 * value);
+        // Single precision, at 255.
+        let is_stepped = colours().all(|steps| (steps - steps.round()).abs() < 1e-3);
+        let expected = [Viewer::Spark, Viewer::PlayCanvas, Viewer::GaussianSplats3d].contains(&viewer);
+        assert_eq!(is_stepped, expected, "{}", viewer.name());
+        if !expected {
+            continue;
+        }
+        let mut linear = profile;
+        linear.rules.framebuffer = Framebuffer::Floats;
+        let linear = drawn(&gpu, &model, Some(linear));
+        let apart = colours().zip(linear.chunks(4).flat_map(|pixel| &pixel[..3]).map(|value| 255.0 * value));
+        let rounded: Vec<f32> = apart.map(|(steps, value)| (steps - value.clamp(0.0, 255.0)).abs()).collect();
+        let mean = rounded.iter().sum::<f32>() / rounded.len() as f32;
+        // Rounding once leaves 0.25 at most; many times leaves more where there is something, and never much.
+        assert!((0.05..2.0).contains(&mean), "{}: {mean} steps", viewer.name());
     }
 }
 

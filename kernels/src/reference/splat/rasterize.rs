@@ -80,7 +80,8 @@ pub fn forward_in_bytes<R: Real>(
         let (mut pixel, mut transmittance) = (background.map(stored), R::of(1.0));
         for (splat, alpha) in met.into_iter().rev() {
             for k in 0..3 {
-                pixel[k] = stored(pixel[k] + alpha * (colours[4 * splat + k] - pixel[k]));
+                let given = (alpha * colours[4 * splat + k]).min(R::of(1.0));
+                pixel[k] = stored(given + (R::of(1.0) - alpha) * pixel[k]);
             }
             transmittance = transmittance * (R::of(1.0) - alpha);
         }
