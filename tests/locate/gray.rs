@@ -24,6 +24,19 @@ fn smaller_pictures_are_means_of_what_they_cover() {
 }
 
 #[test]
+fn one_colour_is_told_from_the_faintest_picture() {
+    let of = |levels: &[u8]| {
+        let rgb = levels.iter().flat_map(|level| [*level; 3]).collect();
+        Gray::of_frame(&Frame::new(levels.len() as u32, 1, rgb).expect("a frame"))
+    };
+    assert!(of(&[90, 90, 90, 90]).is_plain() && of(&[90, 92, 89, 91]).is_plain(), "as codecs leave it");
+    assert!(!of(&[90, 90, 90, 99]).is_plain());
+    let mut broken = of(&[90, 90, 90, 90]);
+    broken.values[2] = f32::NAN;
+    assert!(!broken.is_plain(), "what is no number is no colour");
+}
+
+#[test]
 fn likeness_is_of_changes() {
     let picture = Gray { width: 3, height: 2, values: vec![0.0, 1.0, 0.5, 0.2, 0.9, 0.1] };
     let brighter = Gray { values: picture.values.iter().map(|v| 0.3 + 2.0 * v).collect(), ..picture.clone() };

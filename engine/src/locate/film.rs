@@ -233,6 +233,9 @@ impl Locator {
         for number in 0..tries {
             work.look("looking for the asset")?;
             let frame = (2 * number + 1) * frames.len() / (2 * tries);
+            if frames[frame].is_plain() {
+                continue;
+            }
             // What hides it in one way may not in the other.
             let edges = if number % 2 == 0 { Edges::AsTheyAre } else { Edges::HeldDown };
             let Some(fit) = anywhere(&mut self.stage, &self.bank, &frames[frame], edges)? else { continue };

@@ -6,6 +6,9 @@ use crate::media::framing::Rect;
 /// Luma of ITU-R BT.601.
 const LUMA: [f32; 3] = [0.299, 0.587, 0.114];
 
+/// Range of values that codecs make of one colour.
+const PLAIN: f32 = 4.0 / 255.0;
+
 /// A picture of one channel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gray {
@@ -31,6 +34,13 @@ impl Gray {
     pub fn of_pixels(width: usize, height: usize, pixels: &[f32]) -> Self {
         let luma = |rgba: &[f32]| LUMA.iter().zip(rgba).map(|(w, value)| w * value.clamp(0.0, 1.0)).sum();
         Self { width, height, values: pixels.chunks_exact(4).map(luma).collect() }
+    }
+
+    /// Whether it shows one colour, which says of no asset where it was seen from.
+    #[must_use]
+    pub fn is_plain(&self) -> bool {
+        let least = self.values.iter().copied().fold(f32::INFINITY, f32::min);
+        self.values.iter().all(|value| value - least <= PLAIN)
     }
 
     /// Left and right exchanged.
