@@ -11,7 +11,7 @@ use guard4d_engine::base::tensor_file::TensorFile;
 use guard4d_engine::detect::exhibit::Beside;
 use guard4d_engine::detect::gathered::KnownFilm;
 use guard4d_engine::error::EngineError;
-use guard4d_engine::locate::finding::{DEFAULT_FRAMES, Finding, LocateReport, Locating};
+use guard4d_engine::locate::finding::{DEFAULT_FRAMES, Finding, LocateReport, Locating, Wanted};
 use guard4d_engine::locate::so_far::Kept;
 use guard4d_engine::locate::stage::Making;
 use guard4d_engine::media::FrameSource;
@@ -81,8 +81,9 @@ pub(crate) fn run(args: &LocateArgs, common: &Common) -> Result<Outcome, EngineE
     let mut locator = shared.lock().unwrap_or_else(PoisonError::into_inner);
     let mut progress = ObserverBar::new(common);
     let kept = Some(Kept { path: &checkpoint, goes_on: args.resume });
-    let Finding { cameras, report } =
-        locator.film(&original, &args.film, &read_options(), args.max_frames, kept, &mut progress)?;
+    let options = read_options();
+    let wanted = Wanted { model: &original, path: &args.film, options: &options, most: args.max_frames };
+    let Finding { cameras, report } = locator.film(wanted, kept, &mut progress)?;
     drop(progress);
     if let Some(cameras) = cameras {
         if let Some(sheet) = sheet {

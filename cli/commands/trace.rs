@@ -13,7 +13,7 @@ use guard4d_engine::detect::trace::{DEFAULT_FPR, Report, TraceRequest, judge};
 use guard4d_engine::device::Device;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::issue::Issue;
-use guard4d_engine::locate::finding::DEFAULT_FRAMES;
+use guard4d_engine::locate::finding::{DEFAULT_FRAMES, Wanted};
 use guard4d_engine::media::FrameSource;
 use guard4d_engine::release::issue_root::root_of;
 use guard4d_engine::release::ledger::Ledger;
@@ -163,7 +163,9 @@ fn read_films(paths: &[PathBuf], args: &TraceArgs, tracer: &Tracer<'_>, common: 
         let mut locator = shared.lock().unwrap_or_else(PoisonError::into_inner);
         for (path, source) in pairs() {
             let mut progress = ObserverBar::new(common);
-            let found = locator.film(issue.model(), path, &read_options(), args.max_frames, None, &mut progress)?;
+            let options = read_options();
+            let wanted = Wanted { model: issue.model(), path, options: &options, most: args.max_frames };
+            let found = locator.film(wanted, None, &mut progress)?;
             located.push(found.report);
             films.extend(found.cameras.map(|cameras| KnownFilm::new(path, source, &cameras)).transpose()?);
         }

@@ -18,7 +18,7 @@ use crate::error::EngineError;
 use crate::evidence::id_code::SearchedP;
 use crate::evidence::reading::Reading;
 use crate::fingerprint::issue::Issue;
-use crate::locate::finding::{DEFAULT_FRAMES, Finding, LocateReport, Locating};
+use crate::locate::finding::{DEFAULT_FRAMES, Finding, LocateReport, Locating, Wanted};
 use crate::media::framing::Framing;
 use crate::media::{FrameSource, ReadOptions};
 use crate::release::receipt::OwnerChips;
@@ -73,8 +73,9 @@ impl WithOriginal<'_> {
         for path in films {
             // Every frame that the message is read in, up to as many as are enough.
             let most = NonZeroU32::new(DEFAULT_FRAMES).unwrap_or(NonZeroU32::MIN);
-            let Finding { cameras, report } =
-                locator.film(self.original, path, &self.whole_frames(), most, None, reader.observer())?;
+            let options = self.whole_frames();
+            let wanted = Wanted { model: self.original, path, options: &options, most };
+            let Finding { cameras, report } = locator.film(wanted, None, reader.observer())?;
             let cameras = cameras.filter(|_| report.verdict == Locating::Located);
             found.extend(cameras.map(|cameras| FilmedSuspect { path: path.clone(), cameras }));
             located.push(report);

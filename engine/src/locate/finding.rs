@@ -80,19 +80,28 @@ pub struct Finding {
     pub report: LocateReport,
 }
 
+/// What is looked at, and for what.
+#[derive(Clone, Copy, Debug)]
+pub struct Wanted<'a> {
+    /// The locator's asset.
+    pub model: &'a Model,
+    /// The film.
+    pub path: &'a Path,
+    /// How it is read.
+    pub options: &'a ReadOptions,
+    /// Frames that are looked at, at most.
+    pub most: NonZeroU32,
+}
+
 impl Locator {
-    /// Finds where a film was taken, by at most so many of its frames; `model` is the same asset. Where a place is
-    /// given, what was found is kept there shot by shot.
+    /// Finds where a film was taken. Where a place is given, what was found is kept there shot by shot.
     ///
     /// # Errors
     /// Those of reading it and of the device, and what the observer stops the work with; [`EngineError::BadData`] for
     /// what was kept of another film or original.
     pub fn film(
         &mut self,
-        model: &Model,
-        path: &Path,
-        options: &ReadOptions,
-        most: NonZeroU32,
+        Wanted { model, path, options, most }: Wanted<'_>,
         kept: Option<Kept<'_>>,
         observer: &mut dyn Observer,
     ) -> Result<Finding, EngineError> {
