@@ -31,7 +31,7 @@ const SEARCHES: usize = 4;
 const SEARCHED: usize = 16;
 /// How often a shot of which nothing is known is looked for in a frame before it is given up; in another each time, if
 /// there are as many.
-const TRIES: usize = 3;
+const TRIES: usize = 6;
 /// How far the next frame's moment may be from where it is looked for: so much, and as far as that is from the last.
 const NEAR: f64 = 0.06;
 /// Frames of a shot that tell its lens.
