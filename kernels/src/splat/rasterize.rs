@@ -1,6 +1,6 @@
 //! Front-to-back blending of sorted splats and its gradient with respect to the colours.
 
-use super::rules::Stop;
+use super::rules::{Framebuffer, Stop};
 use super::tile_bin::VisibleLists;
 use super::tile_grid::{TILE, TileGrid, pixel_workgroups, stride, workgroups};
 use crate::error::KernelError;
@@ -77,50 +77,7 @@ pub fn forward(
     background: [f32; 3],
     frame: FrameMut<'_>,
 ) -> Result<(), KernelError> {
-    let (grid, rules) = (lists.grid, lists.rules);
-    require_len(KERNEL, "colours", colours.len(), 4 * lists.num_visible)?;
-    require_len(KERNEL, "clip", frame.clip.len(), 4 * grid.num_pixels() * (frame.index + 1))?;
-    /// Binds and runs the program of one family; only the module that the types come from differs.
-    macro_rules! blend {
-        ($module:ident, $grid:expr, $spec:expr) => {{
-            let bind = $module::Bind {
-                geom: &lists.geom,
-                colours,
-                splat_from_isect: &lists.splat_from_isect,
-                tile_offsets: &lists.tile_offsets,
-                tile_order: &lists.tile_order,
-                image: &mut *frame.clip,
-            };
-            let params = $module::Params {
-                width: grid.width,
-                height: grid.height,
-                tiles_x: grid.tiles_x(),
-                num_active: dim(lists.num_active),
-                tile_stride: stride(lists.num_active),
-                out_offset: dim(grid.num_pixels() * frame.index),
-                background_r: background[0],
-                background_g: background[1],
-                background_b: background[2],
-                min_alpha: rules.min_alpha,
-                max_alpha: rules.max_alpha,
-                span: rules.span(),
-                foot: rules.foot,
-                behind: u32::from(rules.stop == Stop::Behind),
-            };
-            rec.dispatch_spec(bind, params, $spec, $grid)
-        }};
-    }
-    let (packed, plain) = (u32::from(lists.is_packed()), rules.plain());
-    match rec.family() {
-        KernelFamily::Lanes => {
-            let spec = rasterize_fwd::Spec { whole: u32::from(is_whole(lists)), packed, plain };
-            blend!(rasterize_fwd, workgroups(lists.num_active), spec)?;
-        }
-        KernelFamily::Tiles => {
-            blend!(rasterize_fwd_tile, pixel_workgroups(lists.num_active), rasterize_fwd_tile::Spec { packed, plain })?;
-        }
-    }
-    clear(rec, lists, background, frame)
+    blend_into(Framebuffer::Floats, rec, lists, colours, background, frame)
 }
 
 /// The same into a framebuffer of 8 bits a channel, back to front: each splat is rounded to steps of 1/255, halves up,
@@ -143,36 +100,69 @@ pub fn forward_in_bytes(
     background: [f32; 3],
     frame: FrameMut<'_>,
 ) -> Result<(), KernelError> {
+    blend_into(Framebuffer::Bytes, rec, lists, colours, background, frame)
+}
+
+fn blend_into(
+    framebuffer: Framebuffer,
+    rec: &mut Recorder,
+    lists: &VisibleLists,
+    colours: &Buffer<f32>,
+    background: [f32; 3],
+    frame: FrameMut<'_>,
+) -> Result<(), KernelError> {
     let (grid, rules) = (lists.grid, lists.rules);
     require_len(KERNEL, "colours", colours.len(), 4 * lists.num_visible)?;
     require_len(KERNEL, "clip", frame.clip.len(), 4 * grid.num_pixels() * (frame.index + 1))?;
-    let bind = rasterize_bytes::Bind {
-        geom: &lists.geom,
-        colours,
-        splat_from_isect: &lists.splat_from_isect,
-        tile_offsets: &lists.tile_offsets,
-        tile_order: &lists.tile_order,
-        image: &mut *frame.clip,
-    };
-    let params = rasterize_bytes::Params {
-        width: grid.width,
-        height: grid.height,
-        tiles_x: grid.tiles_x(),
-        num_active: dim(lists.num_active),
-        tile_stride: stride(lists.num_active),
-        out_offset: dim(grid.num_pixels() * frame.index),
-        background_r: background[0],
-        background_g: background[1],
-        background_b: background[2],
-        min_alpha: rules.min_alpha,
-        max_alpha: rules.max_alpha,
-        span: rules.span(),
-        foot: rules.foot,
-    };
-    let spec = rasterize_bytes::Spec { packed: u32::from(lists.is_packed()), plain: rules.plain() };
-    rec.dispatch_spec(bind, params, spec, workgroups(lists.num_active))?;
-    let stored = |channel: f32| (255.0 * channel.clamp(0.0, 1.0) + 0.5).floor() / 255.0;
-    clear(rec, lists, background.map(stored), frame)
+    /// Binds and runs one program; beside the module that the types come from, only the named parameters differ.
+    macro_rules! blend {
+        ($module:ident, $grid:expr, $spec:expr $(, $parameter:ident)*) => {{
+            let bind = $module::Bind {
+                geom: &lists.geom,
+                colours,
+                splat_from_isect: &lists.splat_from_isect,
+                tile_offsets: &lists.tile_offsets,
+                tile_order: &lists.tile_order,
+                image: &mut *frame.clip,
+            };
+            let params = $module::Params {
+                width: grid.width,
+                height: grid.height,
+                tiles_x: grid.tiles_x(),
+                num_active: dim(lists.num_active),
+                tile_stride: stride(lists.num_active),
+                out_offset: dim(grid.num_pixels() * frame.index),
+                background_r: background[0],
+                background_g: background[1],
+                background_b: background[2],
+                min_alpha: rules.min_alpha,
+                max_alpha: rules.max_alpha,
+                span: rules.span(),
+                foot: rules.foot,
+                $($parameter,)*
+            };
+            rec.dispatch_spec(bind, params, $spec, $grid)
+        }};
+    }
+    let (packed, plain) = (u32::from(lists.is_packed()), rules.plain());
+    let behind = u32::from(rules.stop == Stop::Behind);
+    let columns = workgroups(lists.num_active);
+    match (framebuffer, rec.family()) {
+        (Framebuffer::Bytes, _) => {
+            blend!(rasterize_bytes, columns, rasterize_bytes::Spec { packed, plain })?;
+            let stored = |channel: f32| (255.0 * channel.clamp(0.0, 1.0) + 0.5).floor() / 255.0;
+            return clear(rec, lists, background.map(stored), frame);
+        }
+        (Framebuffer::Floats, KernelFamily::Lanes) => {
+            let spec = rasterize_fwd::Spec { whole: u32::from(is_whole(lists)), packed, plain };
+            blend!(rasterize_fwd, columns, spec, behind)?;
+        }
+        (Framebuffer::Floats, KernelFamily::Tiles) => {
+            let spec = rasterize_fwd_tile::Spec { packed, plain };
+            blend!(rasterize_fwd_tile, pixel_workgroups(lists.num_active), spec, behind)?;
+        }
+    }
+    clear(rec, lists, background, frame)
 }
 
 /// Fills the tiles without pairs.
@@ -220,7 +210,7 @@ pub fn backward(
     require_len(KERNEL, "v_colours", v_colours.len(), 4 * lists.num_visible)?;
     require_len(KERNEL, "v_clip", v_frame.clip.len(), 4 * grid.num_pixels() * (v_frame.index + 1))?;
     require_len(KERNEL, "v_slots", scratch.v_slots.len(), 4 * lists.num_isects)?;
-    /// As in [`forward`].
+    /// As in `blend_into`.
     macro_rules! pull {
         ($module:ident, $grid:expr) => {{
             let bind = $module::Bind {

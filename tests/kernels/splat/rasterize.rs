@@ -103,20 +103,25 @@ fn twin_gradient_agrees_with_differences_by_other_rules() {
     }
 }
 
-#[test]
-fn twin_pixels_are_what_the_rules_say() {
-    // Of a splat of opacity 1/2 and standard deviation 5 px in the middle of pixel 31.5: alpha 5 px from the middle.
-    let means = [0.0, 0.0, 2.0, 0.0].to_vec();
-    let log = 0.1f32.ln();
-    let scene = Scene { means, scales: vec![log, log, log, 0.0], quats: vec![1.0, 0.0, 0.0, 0.0] };
-    let view = View {
+/// Along the z axis, 100 px for a unit at a distance of one, and nothing dilated.
+fn straight_view() -> View {
+    View {
         world_to_camera: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
         focal: [100.0; 2],
         centre: [32.0; 2],
         width: 64,
         height: 64,
         rules: Rules { dilation: 0.0, ..Rules::REFERENCE },
-    };
+    }
+}
+
+#[test]
+fn twin_pixels_are_what_the_rules_say() {
+    // Of a splat of opacity 1/2 and standard deviation 5 px in the middle of pixel 31.5: alpha 5 px from the middle.
+    let means = [0.0, 0.0, 2.0, 0.0].to_vec();
+    let log = 0.1f32.ln();
+    let scene = Scene { means, scales: vec![log, log, log, 0.0], quats: vec![1.0, 0.0, 0.0, 0.0] };
+    let view = straight_view();
     let alpha = |rules: Rules, x: usize| {
         let view = View { rules, ..view };
         let image = twin::forward(&scene.project::<f64>(&view), &[1.0; 4], [0.0; 3], &screen(&view));
@@ -138,14 +143,7 @@ fn twin_bytes_are_rounded_after_every_splat() {
     let means = [0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 2.1, 0.0, 0.0, 0.0, 2.2, 0.0].to_vec();
     let log = 0.2f32.ln();
     let scene = Scene { means, scales: [log, log, log, 0.0].repeat(3), quats: [1.0, 0.0, 0.0, 0.0].repeat(3) };
-    let view = View {
-        world_to_camera: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
-        focal: [100.0; 2],
-        centre: [32.0; 2],
-        width: 64,
-        height: 64,
-        rules: Rules { dilation: 0.0, ..Rules::REFERENCE },
-    };
+    let view = straight_view();
     let splats = scene.project::<f64>(&view);
     let alphas: Vec<f64> = splats.iter().map(|splat| splat.as_ref().expect("seen").opacity).collect();
     let colours = [0.2, 0.5, 9.0, 0.0, 0.9, 0.5, -0.4, 0.0, 0.3, 0.5, 0.6, 0.0];
