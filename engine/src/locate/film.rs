@@ -145,6 +145,8 @@ impl Locator {
         let First { begun: first, is_mirrored } = match so_far.first {
             Some(first) => first,
             None => {
+                // Nothing of a film that was looked at before.
+                self.stage.draw_as(model, Making::default())?;
                 let first = self.either_way(&frames[shots[longest].clone()], &mut work)?;
                 let searches = SEARCHES + frames.len() / SEARCHED;
                 so_far = SoFar { first: Some(first), searches, ..SoFar::default() };

@@ -13,7 +13,7 @@ use crate::support::interop::filmed;
 
 const SIDE: u32 = 400;
 const FOV_DEG: f64 = 39.6;
-/// What a preset is for. Sorts of theirs that we do not repeat leave 46 dB at least in every asset that was tried.
+/// What a preset is for. Sorts of theirs that we do not repeat leave some 50 dB of this scene.
 const LEAST_DB: f64 = 45.0;
 
 /// The embedded scene as it stands at a moment, and two cameras that see all of it.
