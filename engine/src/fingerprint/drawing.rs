@@ -1,6 +1,7 @@
 //! How a film was drawn: by whose renderer, on what background, how finely. And the original, drawn alike.
 
-use guard4d_kernels::{Buffer, Device, Recorder};
+use guard4d_kernels::splat::rules::Framebuffer;
+use guard4d_kernels::{Buffer, Device};
 
 use crate::error::EngineError;
 use crate::render::deform::DeformField;
@@ -104,7 +105,7 @@ impl Painter {
     /// # Errors
     /// When memory runs out or the device fails.
     pub(super) fn draw(&mut self, drawn: &Drawn) -> Result<Vec<f32>, EngineError> {
-        self.run(drawn, |renderer, rec, background, frame| renderer.forward(rec, &drawn.plan, None, background, frame))
+        self.run(drawn, None)
     }
 
     /// The same with offsets of its DC terms, as if no framebuffer rounded anything: linear in the colours.
@@ -112,23 +113,28 @@ impl Painter {
     /// # Errors
     /// When memory runs out or the device fails.
     pub(super) fn draw_linear(&mut self, drawn: &Drawn, offsets: &Buffer<f32>) -> Result<Vec<f32>, EngineError> {
-        let offsets = Some(Offsets { data: offsets, bases: BASES });
-        self.run(drawn, |renderer, rec, background, frame| {
-            renderer.forward_linear(rec, &drawn.plan, offsets, background, frame)
-        })
+        self.run(drawn, Some(offsets))
     }
 
-    fn run(
-        &mut self,
-        drawn: &Drawn,
-        forward: impl FnOnce(&mut Renderer, &mut Recorder, [f32; 3], FrameMut<'_>) -> Result<(), EngineError>,
-    ) -> Result<Vec<f32>, EngineError> {
-        let mut pixels = self.device.buffer("film.frame", drawn.plan.frame_len())?;
+    fn run(&mut self, drawn: &Drawn, linear_with: Option<&Buffer<f32>>) -> Result<Vec<f32>, EngineError> {
+        let Drawn { plan, look } = drawn;
+        let mut pixels = self.device.buffer("film.frame", plan.frame_len())?;
         let mut rec = self.device.recorder()?;
         let frame = FrameMut { clip: &mut pixels, index: 0 };
-        forward(&mut self.renderer, &mut rec, drawn.look.background, frame)?;
+        match linear_with {
+            None => self.renderer.forward(&mut rec, plan, None, look.background, frame)?,
+            Some(data) => {
+                let offsets = Some(Offsets { data, bases: BASES });
+                self.renderer.forward_linear(&mut rec, plan, offsets, look.background, frame)?;
+            }
+        }
         rec.submit()?;
         Ok(made_smaller(pixels.read()?, drawn))
+    }
+
+    /// Whether [`Painter::draw`] rounds what [`Painter::draw_linear`] does not.
+    pub(super) fn rounds(&self) -> bool {
+        self.viewer.profile().rules.framebuffer == Framebuffer::Bytes
     }
 
     /// Adds what a picture says of each splat's offsets: the transpose of [`Painter::draw_linear`].

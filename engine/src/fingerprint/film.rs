@@ -86,7 +86,8 @@ impl Exposures {
             *response += f64::from(v[1]) / Y0;
         }
         // What others are compared with that nothing is rounded in either.
-        let clean = painter.draw_linear(&drawn, &self.offsets)?.chunks_exact(4).map(|pixel| pixel[0]).collect();
+        let linear = if painter.rounds() { painter.draw_linear(&drawn, &self.offsets)? } else { clean };
+        let clean = linear.chunks_exact(4).map(|pixel| pixel[0]).collect();
         self.exposures.push(Exposure { drawn, clean, counted });
         Ok(())
     }

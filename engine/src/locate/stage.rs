@@ -177,26 +177,21 @@ impl Stage {
         self.making
     }
 
-    /// What another renderer has of the asset, where that draws this.
-    fn others(&mut self, canvas: Canvas) -> Option<&mut Scenery> {
-        let viewer = self.making.viewer;
-        self.others.as_mut().filter(|others| canvas.drawn.is_some() && others.viewer == viewer)
+    /// What draws on this canvas.
+    fn scenery(&mut self, canvas: Canvas) -> &mut Scenery {
+        match &mut self.others {
+            Some(others) if canvas.drawn.is_some() && others.viewer == self.making.viewer => others,
+            _ => &mut self.own,
+        }
     }
 
     /// The asset at a moment, as it is on this canvas.
     fn on_canvas(&mut self, time: f64, canvas: Canvas) -> Result<Arc<SplatState>, EngineError> {
-        match self.others(canvas) {
-            Some(others) => others.field.at(narrow(time)),
-            None => self.at(time),
+        let scenery = self.scenery(canvas);
+        match scenery.viewer {
+            Viewer::Reference => self.at(time),
+            _ => scenery.field.at(narrow(time)),
         }
-    }
-
-    fn renderer(&mut self, canvas: Canvas) -> &mut Renderer {
-        // The other way round, `self` would be borrowed in both arms.
-        if self.others(canvas).is_none() {
-            return &mut self.own.renderer;
-        }
-        &mut self.others.as_mut().expect("it was there").renderer
     }
 
     fn drawn_at(&self, canvas: Canvas) -> Result<FrameSize, EngineError> {
@@ -214,7 +209,7 @@ impl Stage {
         let mut rec = self.device.recorder()?;
         let mut pixels = self.device.buffer("locate.frame", plan.frame_len())?;
         let (background, frame) = (self.background, FrameMut { clip: &mut pixels, index: 0 });
-        self.renderer(canvas).forward_linear(&mut rec, &plan, None, background, frame)?;
+        self.scenery(canvas).renderer.forward_linear(&mut rec, &plan, None, background, frame)?;
         rec.submit()?;
         Ok(Drawn::of(&pixels.read()?, drawn_at, canvas.size))
     }
@@ -238,7 +233,7 @@ impl Stage {
         let mut places = self.device.buffer("locate.places", plan.frame_len())?;
         let offsets = Some(Offsets { data: &as_places.1, bases: OffsetBases::All });
         let frame = FrameMut { clip: &mut places, index: 0 };
-        self.renderer(canvas).forward_linear(&mut rec, &plan, offsets, [0.0; 3], frame)?;
+        self.scenery(canvas).renderer.forward_linear(&mut rec, &plan, offsets, [0.0; 3], frame)?;
         rec.submit()?;
         self.as_places = Some(as_places);
         // Sums where several drawn pixels are one of the picture, which are as many for all but at the borders.
@@ -265,14 +260,14 @@ impl Stage {
             pose: *pose,
             size: self.drawn_at(canvas)?,
             rough: self.rough,
-            viewer: self.others(canvas).map_or(Viewer::Reference, |others| others.viewer),
+            viewer: self.scenery(canvas).viewer,
         };
         if let Some((_, plan)) = self.planned.as_ref().filter(|(known, _)| *known == made_for) {
             return Ok(Arc::clone(plan));
         }
         let state = self.on_canvas(pose.time, canvas)?;
         let camera = pose.camera(self.middle(), made_for.size);
-        let plan = Arc::new(self.renderer(canvas).plan(&state, &camera, Prune::Keep)?);
+        let plan = Arc::new(self.scenery(canvas).renderer.plan(&state, &camera, Prune::Keep)?);
         self.planned = Some((made_for, Arc::clone(&plan)));
         Ok(plan)
     }

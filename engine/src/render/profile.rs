@@ -60,6 +60,7 @@ const QUADS: Rules = Rules {
     min_alpha: 0.5 / BYTE,
     max_alpha: 1.0,
     stop: Stop::Behind,
+    framebuffer: Framebuffer::Bytes,
     ..Rules::REFERENCE
 };
 
@@ -162,8 +163,7 @@ fn gsplat(opacity: Opacity) -> Rules {
 /// `@sparkjsdev/spark` 2.2.0, `dist/spark.module.js`: `splatVertex` and `splatFragment` for the rules, `setPackedSplat`
 /// and `encodeSh1Rgb` for the storage. Opacities are halved before they are put into 8 bits.
 fn spark() -> Profile {
-    let (opacity, sort_key, framebuffer) = (Opacity::Compensated, SortKey::Distance, Framebuffer::Bytes);
-    let rules = Rules { opacity, guard: 1.4, sort_key, framebuffer, ..QUADS };
+    let rules = Rules { opacity: Opacity::Compensated, guard: 1.4, sort_key: SortKey::Distance, ..QUADS };
     let storage = Storage {
         sh_steps: Some([63.0, 127.0, 31.0]),
         colours: Steps::Nearest(BYTE),
@@ -188,7 +188,6 @@ fn play_canvas() -> Profile {
         foot: (-4.0f32).exp(),
         max_colour: f32::INFINITY,
         min_alpha: 1.0 / BYTE,
-        framebuffer: Framebuffer::Bytes,
         ..QUADS
     };
     let storage = Storage {
@@ -203,7 +202,7 @@ fn play_canvas() -> Profile {
 /// `@mkkellogg/gaussian-splats-3d` 0.4.7, `build/gaussian-splats-3d.module.js`: `SplatMaterial3D` for the rules,
 /// `INRIAV1PlyParser` for the storage. It draws no spherical harmonics unless it is asked to.
 fn gaussian_splats_3d() -> Profile {
-    let rules = Rules { min_split: 0.1f32.sqrt(), guard: 1.2, framebuffer: Framebuffer::Bytes, ..QUADS };
+    let rules = Rules { min_split: 0.1f32.sqrt(), guard: 1.2, ..QUADS };
     let storage =
         Storage { sh_degree: 0, colours: Steps::Below(BYTE), opacities: Steps::Below(BYTE), ..Storage::EXACT };
     Profile { rules, storage }
@@ -211,8 +210,9 @@ fn gaussian_splats_3d() -> Profile {
 
 /// playcanvas/supersplat at 01e2fdd, `src/shaders/splat-shader.ts`: the corners of `PlayCanvas` with a plain falloff.
 fn super_splat() -> Profile {
-    let (min_alpha, framebuffer) = (QUADS.min_alpha, Framebuffer::Floats);
-    let rules = Rules { foot: 0.0, min_alpha, framebuffer, ..play_canvas().rules };
+    // Its target holds half floats.
+    let framebuffer = Framebuffer::Floats;
+    let rules = Rules { foot: 0.0, min_alpha: QUADS.min_alpha, framebuffer, ..play_canvas().rules };
     Profile { rules, storage: Storage::EXACT }
 }
 
@@ -225,5 +225,7 @@ fn antimatter15() -> Profile {
         rotations: Rotations::Bytes,
         ..Storage::EXACT
     };
-    Profile { rules: Rules { dilation: 0.0, guard: 1.2, ..QUADS }, storage }
+    // Its framebuffer has 8 bits, too, but is filled front to back.
+    let rules = Rules { dilation: 0.0, guard: 1.2, framebuffer: Framebuffer::Floats, ..QUADS };
+    Profile { rules, storage }
 }
