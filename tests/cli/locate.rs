@@ -10,7 +10,7 @@ use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{CameraSet, FrameSize, LookAt, Model, ply};
 use serde_json::Value;
 
-use super::{Run, guard4d, scratch};
+use super::{Run, scratch, unwatched};
 use crate::support::fixture::gaussians;
 use crate::support::gpu::device;
 
@@ -45,7 +45,7 @@ impl Leak {
         let leak = Self { folder: scratch(), scene, cameras: CameraSet { in_sequence: true, ..cameras } };
         fs::write(leak.at("true.json"), leak.cameras.film_json()).expect("writable");
         let out = leak.at("copies");
-        guard4d(&[
+        unwatched(&[
             &"stamp",
             &leak.scene.path(),
             &"--ledger",
@@ -57,7 +57,7 @@ impl Leak {
         ])
         .done();
         let film = leak.at("leak.mp4");
-        guard4d(&[&"render", &out.join("bo"), &"--cameras", &leak.at("true.json"), &"--out", &film]).done();
+        unwatched(&[&"render", &out.join("bo"), &"--cameras", &leak.at("true.json"), &"--out", &film]).done();
         leak
     }
 
@@ -70,13 +70,13 @@ impl Leak {
         let mut args: Vec<&dyn AsRef<std::ffi::OsStr>> = Vec::new();
         args.extend([&"locate" as &dyn AsRef<_>, &film, &"--original", &original, &"--out", &out, &"--json"]);
         args.extend(more.iter().map(|word| word as &dyn AsRef<_>));
-        guard4d(&args)
+        unwatched(&args)
     }
 
     fn trace(&self, film: &str) -> Value {
         let (film, ledger) = (self.at(film), self.at("show.ledger"));
         let scene = self.scene.path();
-        json(&guard4d(&[&"trace", &film, &"--original", &scene, &"--ledger", &ledger, &"--json"]))
+        json(&unwatched(&[&"trace", &film, &"--original", &scene, &"--ledger", &ledger, &"--json"]))
     }
 
     /// Pictures of one colour.

@@ -137,6 +137,15 @@ fn guard4d(args: &[&dyn AsRef<OsStr>]) -> Run {
     Run::of(command(args).output().expect("the program was built with the tests"))
 }
 
+/// Runs the program without validation layers, for what takes minutes: they watch other tests do the same.
+#[track_caller]
+fn unwatched(args: &[&dyn AsRef<OsStr>]) -> Run {
+    let mut command = command(args);
+    Run::of(
+        command.env("VK_LOADER_LAYERS_DISABLE", "*validation*").output().expect("the program was built with the tests"),
+    )
+}
+
 /// Commands that `--help` shows, in its order, but for `help` itself.
 fn commands() -> Vec<String> {
     commands_of("")

@@ -8,7 +8,7 @@ use guard4d_engine::networks::clip::{ClipModel, ClipSource};
 use guard4d_engine::scene::demo::DemoScene;
 use serde_json::Value;
 
-use super::{Run, guard4d, put, scratch};
+use super::{Run, put, scratch, unwatched};
 use crate::support::gpu::{Gpu, device};
 use crate::support::owner::key_file;
 
@@ -36,7 +36,7 @@ impl Owner {
         let mut args: Vec<&dyn AsRef<OsStr>> = vec![&"embed", &scene, &"--key", &key, &"--out", &out];
         let words: Vec<&str> = small.split(' ').chain(more.iter().copied()).collect();
         args.extend(words.iter().map(|word| word as &dyn AsRef<OsStr>));
-        guard4d(&args)
+        unwatched(&args)
     }
 
     /// From 70 degrees above; training stays below 60.
@@ -46,14 +46,14 @@ impl Owner {
         let mut args: Vec<&dyn AsRef<OsStr>> = vec![&"render", &model, &"--out", &out, &"--save-cameras", &cameras];
         let words: Vec<&str> = from.split(' ').collect();
         args.extend(words.iter().map(|word| word as &dyn AsRef<OsStr>));
-        guard4d(&args).done();
+        unwatched(&args).done();
     }
 
     fn verify(&self, film: &str, receipt: &str, more: &[&dyn AsRef<OsStr>]) -> Run {
         let (film, key) = (self.at(film), self.at("owner.key"));
         let receipt = self.at(receipt).join("private/receipt.json");
         let args: [&dyn AsRef<OsStr>; 6] = [&"verify", &film, &"--key", &key, &"--receipt", &receipt];
-        guard4d(&[&args[..], more].concat())
+        unwatched(&[&args[..], more].concat())
     }
 }
 
@@ -101,7 +101,7 @@ fn a_film_from_above_proves_the_asset_by_its_chips_alone() {
     let from: Vec<&str> = "--orbit 90 --frames 1 --elevation 30 --size 224x168".split(' ').collect();
     let mut args: Vec<&dyn AsRef<OsStr>> = vec![&"render", &marked, &"--out", &film];
     args.extend(from.iter().map(|word| word as &dyn AsRef<OsStr>));
-    guard4d(&args).done();
+    unwatched(&args).done();
     let found = json(&owner.verify("round", "out", &[&"--original", &scene, &"--max-frames", &"6", &"--json"]));
     assert_eq!((&found["located"][0]["located"], &found["owner_chips"]["frames"]), (&6.into(), &6.into()), "{found}");
     assert_eq!((&found["verdict"], &found["owner_chips"]["proves"]), (&"present".into(), &true.into()), "{found}");

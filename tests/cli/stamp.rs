@@ -9,7 +9,7 @@ use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{Model, ply};
 use serde_json::Value;
 
-use super::{Run, guard4d, names, scratch};
+use super::{Run, guard4d, names, scratch, unwatched};
 use crate::support::fixture::gaussians;
 use crate::support::gpu::device;
 
@@ -343,7 +343,7 @@ fn the_lab_measures_how_far_a_copy_stands_out() {
         let path = scene.path();
         args.extend([&path as &dyn AsRef<_>, &"--keys", &"1", &"--frames", &"12", &"--side", &"160", &"--out", &out]);
         args.extend(more.iter().map(|word| word as &dyn AsRef<_>));
-        guard4d(&args).done();
+        unwatched(&args).done();
         fs::read_to_string(&out).expect("a table")
     };
     let films = measure(&["--films", "png,h264 23,rows,gamma 0.8"]);

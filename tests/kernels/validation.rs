@@ -7,7 +7,7 @@ use guard4d_kernels::probe::mul_add::{self, Chains};
 use guard4d_kernels::vk::take_validation_errors;
 use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
 
-use crate::support::gpu::{is_required, own_device, watched_device};
+use crate::support::gpu::{is_required, own_device, unwatched_device, watched_device};
 use crate::support::skipped;
 
 #[test]
@@ -33,6 +33,15 @@ fn messages_stay_on_the_thread_that_caused_them() {
     });
     assert_eq!(theirs.join().expect("no panic"), ["another test's"]);
     assert_eq!(take_validation_errors(), [""; 0], "nothing is ours");
+}
+
+#[test]
+fn a_device_that_is_to_be_left_alone_is_not_watched() {
+    let (Some(watched), Some(gpu)) = (watched_device(), unwatched_device()) else { return };
+    assert!(watched.is_validated() && !gpu.is_validated(), "only the other");
+    // Where a layer watched, this would fail the test.
+    gpu.say_error(c"to nobody");
+    assert_eq!(take_validation_errors(), [""; 0], "nobody hears it");
 }
 
 /// Something to record; numbers are places in a row of buffers.

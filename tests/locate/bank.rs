@@ -18,7 +18,8 @@ fn a_frame_is_found_among_small_pictures_at_any_size_and_place() {
     let bank = Bank::new(&mut stage).expect("it is drawn");
     let turn = glam::DQuat::from_rotation_x(2.2) * glam::DQuat::from_rotation_z(0.9);
     let truth = Pose { turn, shift: [0.15, -0.1], size: -1.6, lens: 0.2, time: 0.3 };
-    let frame = stage.draw(&truth, Canvas::fine(FrameSize::new(160, 90).expect("a size"))).expect("draws").picture;
+    let canvas = Canvas::fine(FrameSize::new(160, 90).expect("a size"));
+    let frame = stage.draw_pixels(&truth, canvas).expect("draws").thumbnail();
     let guesses = bank.guesses(&frame, Edges::AsTheyAre, 10);
     let axis = |pose: &Pose| pose.turn.inverse() * DVec3::Z;
     // Pictures are 15 degrees apart, and at 24 pixels a neighbour may look as like; size within a step, place
@@ -33,4 +34,15 @@ fn a_frame_is_found_among_small_pictures_at_any_size_and_place() {
     let found = guesses.iter().position(|guess| is_near(&guess.pose));
     assert!(found.is_some_and(|at| at < 3), "{found:?} of {guesses:?}");
     assert!(guesses.windows(2).all(|pair| pair[0].likeness >= pair[1].likeness), "best first");
+    // In other colours of the same brightness it is less like all of them; without any it is still found, as a film may
+    // be black and white.
+    let in_colours = |of: f32| {
+        let mut other = frame.clone();
+        other.channels[1..].iter_mut().for_each(|channel| channel.values.iter_mut().for_each(|value| *value *= of));
+        bank.guesses(&other, Edges::AsTheyAre, 10)
+    };
+    let [other, without] = [in_colours(-1.0), in_colours(0.0)];
+    let (own, other) = (guesses[0].likeness, other[0].likeness);
+    assert!(other < 0.9 * own, "colours count: {own}, {other} in others");
+    assert!(without.iter().any(|guess| is_near(&guess.pose)), "{without:?}");
 }

@@ -2,10 +2,11 @@
 
 use guard4d_engine::base::observer::{Progress, Unobserved};
 use guard4d_engine::locate::film::{Locator, apart_px};
-use guard4d_engine::locate::gray::Gray;
+use guard4d_engine::locate::picture::Picture;
 use guard4d_engine::locate::pose::Pose;
 use guard4d_engine::locate::so_far::SoFar;
 use guard4d_engine::locate::stage::Making;
+use guard4d_engine::media::Frame;
 use guard4d_engine::render::SceneRenderer;
 use guard4d_engine::render::profile::Viewer;
 use guard4d_engine::scene::camera::paths::{Lens, Orbit};
@@ -22,35 +23,42 @@ fn pattern(x: usize, y: usize) -> f32 {
 }
 
 /// A chequered logo over the lower right corner.
-fn with_logo(mut frame: Gray) -> Gray {
-    let (width, height) = (frame.width, frame.height);
-    for (at, value) in frame.values.iter_mut().enumerate() {
+fn with_logo(frame: &Frame) -> Frame {
+    let [width, height] = [frame.width(), frame.height()].map(|side| side as usize);
+    let mut rgb = frame.rgb().to_vec();
+    for (at, pixel) in rgb.chunks_exact_mut(3).enumerate() {
         let (x, y) = (at % width, at / width);
         if 4 * x > 3 * width && 5 * y > 4 * height {
-            *value = f32::from(u8::from((x / 8 + y / 8) % 2 == 0));
+            pixel.fill(if (x / 8 + y / 8) % 2 == 0 { 255 } else { 0 });
         }
     }
-    frame
+    Frame::new(frame.width(), frame.height(), rgb).expect("as large as before")
+}
+
+/// As it is looked at.
+fn looked_at(frame: &Frame) -> Picture {
+    Picture::of_frame(frame, WIDTH_PX)
 }
 
 /// The asset before grey, or before the pattern.
-fn frame(gpu: &Gpu, model: &Model, camera: Camera, is_patterned: bool) -> Gray {
+fn frame(gpu: &Gpu, model: &Model, camera: Camera, is_patterned: bool) -> Frame {
     frame_by(Viewer::Reference, gpu, model, camera, is_patterned)
 }
 
 /// The same by another renderer.
-fn frame_by(viewer: Viewer, gpu: &Gpu, model: &Model, camera: Camera, is_patterned: bool) -> Gray {
+fn frame_by(viewer: Viewer, gpu: &Gpu, model: &Model, camera: Camera, is_patterned: bool) -> Frame {
     let profile = viewer.profile();
     let mut renderer =
         SceneRenderer::by_profile(gpu, &model.gaussians, &model.motion, [0.0; 3], &profile).expect("a renderer");
     let mut film = None;
     let each = |_: usize, camera: &Camera, pixels: &[f32]| {
-        let (width, height) = (camera.width as usize, camera.height as usize);
-        let mut gray = Gray::of_pixels(width, height, pixels);
-        for (at, (value, pixel)) in gray.values.iter_mut().zip(pixels.chunks_exact(4)).enumerate() {
-            *value += pixel[3] * if is_patterned { pattern(at % width, at / width) } else { 0.5 };
+        let mut pixels = pixels.to_vec();
+        let width = camera.width as usize;
+        for (at, pixel) in pixels.chunks_exact_mut(4).enumerate() {
+            let behind = pixel[3] * if is_patterned { pattern(at % width, at / width) } else { 0.5 };
+            pixel[..3].iter_mut().for_each(|value| *value += behind);
         }
-        film = Some(gray);
+        film = Some(Frame::from_rgba32f(camera.width, camera.height, &pixels)?);
         Ok(())
     };
     renderer.render_clips(&[vec![(camera, 0.0)]], each).expect("films");
@@ -76,7 +84,7 @@ fn a_search_goes_on_where_it_was_broken_off() {
     let Some(gpu) = device() else { return };
     let model = still_demo();
     let mut locator = Locator::new(&gpu, &model).expect("it fits");
-    let frames = [3, 1].map(|number| frame(&gpu, &model, view(&locator, number), false));
+    let frames = [3, 1].map(|number| looked_at(&frame(&gpu, &model, view(&locator, number), false)));
     let mut kept = Vec::new();
     let whole = locator.locate_from(SoFar::default(), &model, &frames, &mut Unobserved, &mut |so_far| {
         kept.push(so_far.clone());
@@ -110,7 +118,7 @@ fn another_renderer_is_told_and_frames_are_fitted_by_it() {
         let camera = view(&locator, 3);
         let truth = Pose::of_camera(&camera, 0.0, middle).expect("the middle is in front");
         let film = frame_by(viewer, &gpu, &model, camera, false);
-        let track = locator.locate(&model, &[film], &mut Unobserved).expect("it looks");
+        let track = locator.locate(&model, &[looked_at(&film)], &mut Unobserved).expect("it looks");
         assert_eq!(track.making, Making { viewer, times: 1 }, "of {}", viewer.name());
         let fit = track.frames[0].unwrap_or_else(|| panic!("{} is not found: {:?}", viewer.name(), track.guess));
         let apart = apart_px(&Pose { lens: truth.lens, ..fit.pose }, &truth, f64::from(WIDTH_PX));
@@ -127,18 +135,18 @@ fn a_logo_and_what_is_behind_the_asset_do_not_hide_it() {
     let middle = locator.stage().middle();
     let camera = view(&locator, 3);
     let truth = Pose::of_camera(&camera, 0.0, middle).expect("the middle is in front");
-    let films = [with_logo(frame(&gpu, &model, camera, false)), frame(&gpu, &model, camera, true)];
+    let films = [with_logo(&frame(&gpu, &model, camera, false)), frame(&gpu, &model, camera, true)];
     for (film, name) in films.iter().zip(["a logo", "a pattern"]) {
-        let track = locator.locate(&model, std::slice::from_ref(film), &mut Unobserved).expect("it looks");
+        let track = locator.locate(&model, &[looked_at(film)], &mut Unobserved).expect("it looks");
         let fit = track.frames[0].unwrap_or_else(|| panic!("{name} hides it: {:?}", track.guess));
         // A single frame tells its lens less well than what it shows.
         let apart = apart_px(&Pose { lens: truth.lens, ..fit.pose }, &truth, f64::from(WIDTH_PX));
         assert!(apart < 1.5, "{name}: {apart} px: {:?} for {truth:?}", fit.pose);
         assert!(fit.correlation > 0.8, "{name}: {}", fit.correlation);
     }
-    let [width, height] = [films[1].width, films[1].height];
-    let values = (0..width * height).map(|at| pattern(at % width, at / width)).collect();
-    let nothing = with_logo(Gray { width, height, values });
-    let track = locator.locate(&model, &[nothing], &mut Unobserved).expect("it looks");
+    let levels = |at: u32| (255.0 * pattern((at % WIDTH_PX) as usize, (at / WIDTH_PX) as usize)) as u8;
+    let rgb = (0..WIDTH_PX * 240).flat_map(|at| [levels(at); 3]).collect();
+    let nothing = with_logo(&Frame::new(WIDTH_PX, 240, rgb).expect("a frame"));
+    let track = locator.locate(&model, &[looked_at(&nothing)], &mut Unobserved).expect("it looks");
     assert!(!track.is_found(), "there is a logo and a pattern, and no asset");
 }

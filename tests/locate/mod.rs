@@ -5,5 +5,7 @@ mod bank;
 mod cameras;
 mod film;
 mod gray;
+mod picture;
 mod pose;
 mod shots;
+mod thumbnail;

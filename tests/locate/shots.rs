@@ -18,12 +18,16 @@ fn a_film_is_cut_where_its_pictures_change_at_once() {
     let first = (0..6).map(|i| pattern(9.0, 0.8 * i as f32));
     let second = (0..4).map(|i| pattern(4.0, 0.5 * i as f32));
     let film: Vec<Gray> = first.chain(second).collect();
-    assert_eq!(shots(&film), [0..6, 6..10]);
-    assert_eq!(shots(&film[..6]), vec![0..6], "movement is no cut");
-    assert_eq!(shots(&film[..1]), vec![0..1]);
-    assert!(shots(&[]).is_empty());
+    assert_eq!(shots(film.iter()), [0..6, 6..10]);
+    assert_eq!(shots(film[..6].iter()), vec![0..6], "movement is no cut");
+    assert_eq!(shots(film[..1].iter()), vec![0..1]);
+    assert!(shots([].iter()).is_empty());
     let flat = Gray { values: vec![0.3; 96 * 64], ..film[0].clone() };
-    assert_eq!(shots(&[flat.clone(), flat]).iter().map(ExactSizeIterator::len).sum::<usize>(), 2, "each is in one");
+    assert_eq!(
+        shots([flat.clone(), flat].iter()).iter().map(ExactSizeIterator::len).sum::<usize>(),
+        2,
+        "each is in one"
+    );
 }
 
 #[test]

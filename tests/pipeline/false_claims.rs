@@ -28,7 +28,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::p_value_chart;
 use crate::support::close::{assert_close, largest};
-use crate::support::gpu::{Gpu, device};
+use crate::support::gpu::{Gpu, unwatched_device};
 use crate::support::owner::Owner;
 use crate::support::random::Random;
 use crate::support::{repo, trained};
@@ -210,7 +210,7 @@ fn distance(p_values: &[f64]) -> f64 {
 
 #[test]
 fn a_hundred_thousand_claims_in_unmarked_films_are_as_good_as_chance_makes_them() {
-    let Some(gpu) = device() else { return };
+    let Some(gpu) = unwatched_device() else { return };
     let clip = trained::clip(&gpu);
     let films = films(&gpu);
     let (mut claims, mut random) = (Claims::default(), Random(48));
@@ -284,7 +284,7 @@ fn any_message(random: &mut Random) -> Message {
 /// counted.
 #[test]
 fn the_best_of_several_rotations_is_no_better_than_what_is_counted_for_the_choice() {
-    let Some(gpu) = device() else { return };
+    let Some(gpu) = unwatched_device() else { return };
     let clips = unmarked(&gpu);
     let (choices, keys, claims) = (16, 125, 200);
     let mut random = Random(16);

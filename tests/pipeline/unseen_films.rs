@@ -21,7 +21,7 @@ use guard4d_engine::watermark::embed::{EmbedConfig, Embedded, Embedding, Profile
 use guard4d_engine::watermark::extractor::reader::Reader;
 use guard4d_engine::watermark::extractor::weights::ExtractorWeights;
 
-use crate::support::gpu::{Gpu, device};
+use crate::support::gpu::{Gpu, unwatched_device};
 use crate::support::{has_ffmpeg, trained};
 
 const BITS: u32 = 16;
@@ -134,7 +134,7 @@ fn embed(subject: Subject<'_>, mode: ExtractorMode) -> Embedded {
 
 /// Embeds, delivers, films, reads, and fails where the mark is not read, is seen, or is read where there is none.
 fn assert_read(mode: ExtractorMode) {
-    let Some(gpu) = device() else { return };
+    let Some(gpu) = unwatched_device() else { return };
     if !has_ffmpeg() {
         return;
     }

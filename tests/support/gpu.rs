@@ -46,6 +46,15 @@ pub(crate) fn device() -> Option<Gpu> {
     }
 }
 
+/// The shared device without validation layers, for tests that train for minutes: other tests have the layers watch what
+/// these do over and over. `None` as for [`device`].
+pub(crate) fn unwatched_device() -> Option<Gpu> {
+    static DEVICE: OnceLock<Device> = OnceLock::new();
+    drop(device()?);
+    let options = DeviceOptions { unwatched: true, ..DeviceOptions::default() };
+    Some(Gpu(DEVICE.get_or_init(|| open(options).expect("it opened a moment ago")).clone()))
+}
+
 /// A device that no other test uses, for tests that look at the device itself. `None` as for [`device`].
 pub(crate) fn own_device() -> Option<Gpu> {
     own(DeviceOptions::default())

@@ -81,5 +81,7 @@ pub(crate) fn run(workspace: &Workspace, args: &ConformanceArgs) -> Result<()> {
         return Err(Error::Missing("no test ran".to_owned()));
     }
     succeeded(code)?;
-    all_matched(&printed, &filters)
+    // What is skipped, and other options, come last.
+    let names: Vec<_> = filters.into_iter().take_while(|filter| !filter.starts_with("--")).collect();
+    all_matched(&printed, &names)
 }

@@ -99,7 +99,7 @@ const VIDEO: &str = "marked.mp4";
 const PAGE: &str = "verdict.html";
 /// What verifies the film again, from within the folder.
 const REPEAT: &str = "guard4d undo marked --undo private/undo.safetensors --out original && guard4d verify marked.mp4 \
-                      --key owner.key --receipt private/receipt.json --original original";
+                      --key owner.key --receipt private/receipt.json --original original --no-locate";
 
 /// What `--json` prints.
 #[derive(Serialize)]

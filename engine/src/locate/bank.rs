@@ -1,12 +1,13 @@
 //! A first guess without a prior: small pictures of the asset from all around and at several moments, found in a frame
 //! at whatever size and place they are most like it.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 
 use super::gray::Gray;
 use super::pose::Pose;
-use super::stage::{Canvas, Drawn, Stage};
+use super::stage::{Canvas, Stage};
+use super::thumbnail::{CHANNELS, Thumbnail};
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::scene::FrameSize;
@@ -34,6 +35,8 @@ const SIZE_STEP: f64 = 1.22;
 const LEAST_INSIDE: f32 = 0.3;
 /// What keeps apart how clear a picture is and what it shows where both are nearly the same, of their squares.
 const LITTLE: f32 = 1e-3;
+/// How much differences of colour count beside those of brightness, which are larger in most pictures.
+const COLOUR: f32 = 2.0;
 /// Directions that are nearer than this count as one guess, as the cosine of some 20 degrees.
 const SAME_VIEW: f64 = 0.94;
 
@@ -44,51 +47,94 @@ struct Seen {
     looks: [Look; SIDES_PX.len()],
 }
 
-/// What a small picture looks like before any background: gradients of the picture and of how clear it is, right and
-/// down each.
+/// How fast a pixel's values change, right and down: those of each channel, and last how clear it is. Vectors are
+/// multiplied at once in builds of any kind, and this is where a search spends its time beside drawing.
+type Gradient = [Vec4; 2];
+const _: () = assert!(CHANNELS == 3, "as many as a gradient has room for");
+
+/// What a small picture looks like before any background.
 #[derive(Clone, Debug)]
 struct Look {
     side: usize,
-    gradients: [[Vec<f32>; 2]; 2],
+    pixels: Vec<Gradient>,
     /// Sums of their products over the picture.
     products: Products,
 }
 
 impl Look {
-    fn of(drawn: &Drawn, side: usize) -> Self {
-        let gradients = [&drawn.picture, &drawn.clear].map(|of| of.resized(side, side).gradient());
+    fn of(drawn: &Thumbnail, clear: &Gray, side: usize) -> Self {
+        let pixels = gradients(&drawn.resized(side, side), Some(&clear.resized(side, side)));
         let mut products = Products::default();
-        let [picture, clear] = &gradients;
-        picture.iter().zip(clear).for_each(|(picture, clear)| products.add(picture, clear));
-        Self { side, gradients, products }
+        products.add(&pixels);
+        Self { side, pixels, products }
     }
 }
 
-/// Sums of products of the picture's gradients and of how clear it is: of the one, of both, of the other.
+/// Of each pixel, each channel as much as it counts.
+fn gradients(picture: &Thumbnail, clear: Option<&Gray>) -> Vec<Gradient> {
+    let [width, height] = picture.size();
+    let mut pixels = vec![Gradient::default(); width * height];
+    let weighted = picture.channels.iter().zip([1.0, COLOUR, COLOUR]).chain(clear.map(|clear| (clear, 1.0)));
+    for (at, (channel, weight)) in weighted.enumerate() {
+        for (way, of) in channel.gradient().into_iter().enumerate() {
+            pixels.iter_mut().zip(of).for_each(|(pixel, slope)| pixel[at / 2][at % 2 * 2 + way] = weight * slope);
+        }
+    }
+    pixels
+}
+
+/// Sums of products of the picture's gradients and of how clear it is, right and down: of each channel with itself, and
+/// with that; of that with itself last.
 #[derive(Clone, Copy, Debug, Default)]
-struct Products([f32; 3]);
+struct Products {
+    own: Gradient,
+    both: Gradient,
+}
 
 impl Products {
-    fn add(&mut self, picture: &[f32], clear: &[f32]) {
-        for (picture, clear) in picture.iter().zip(clear) {
-            self.0[0] += picture * picture;
-            self.0[1] += picture * clear;
-            self.0[2] += clear * clear;
+    fn add(&mut self, pixels: &[Gradient]) {
+        self.add_with(pixels, pixels);
+    }
+
+    /// The same of a picture's with a film's, which has nothing that is clear.
+    fn add_with(&mut self, pixels: &[Gradient], others: &[Gradient]) {
+        let Self { own: [own_0, own_1], both: [both_0, both_1] } = self;
+        for ([pixel_0, pixel_1], [other_0, other_1]) in pixels.iter().zip(others) {
+            let clear = pixel_1.zwzw();
+            *own_0 += *pixel_0 * *other_0;
+            *own_1 += *pixel_1 * *other_1;
+            *both_0 += clear * *other_0;
+            *both_1 += clear * *other_1;
         }
     }
 
-    fn size(self) -> f32 {
-        self.0[0] + self.0[2]
+    fn size(&self) -> f32 {
+        self.own.iter().map(|half| half.element_sum()).sum()
     }
 
-    /// Of a frame's gradients, which have these products with both, what is explained by the picture before the
-    /// background that explains most; 0 where that would be its negative.
-    fn explained(self, [picture, clear]: [f32; 2]) -> f32 {
-        let Self([a, b, c]) = self;
-        let (a, c) = (a * (1.0 + LITTLE), c * (1.0 + LITTLE));
-        let determinant = a * c - b * b;
-        let (gain, behind) = (c * picture - b * clear, a * clear - b * picture);
-        if determinant > 0.0 && gain > 0.0 { (gain * picture + behind * clear) / determinant } else { 0.0 }
+    /// Of a channel, or of how clear it is.
+    fn of(lanes: &Gradient, channel: usize) -> f32 {
+        let half = lanes[channel / 2];
+        if channel.is_multiple_of(2) { half.x + half.y } else { half.z + half.w }
+    }
+
+    /// Of a frame's gradients, which have the products `with` the picture, what that explains before the background
+    /// that explains most; 0 where that would be its negative.
+    ///
+    /// # Equation
+    /// Most of Σ |f|² − |f − g p − h k|² over channels' f and p, a gain g of all and a background h of each, where k is
+    /// how clear the picture is: h = (f·k − g p·k) / k·k, and g is the quotient of Σ p·f − p·k f·k / k·k and Σ p·p −
+    /// (p·k)² / k·k.
+    fn explained(&self, with: &Self) -> f32 {
+        let clear = Self::of(&self.own, CHANNELS).max(f32::MIN_POSITIVE) * (1.0 + LITTLE);
+        let (mut seen, mut own, mut behind) = (0.0, 0.0, 0.0);
+        for channel in 0..CHANNELS {
+            let [both, there] = [&self.both, &with.both].map(|lanes| Self::of(lanes, channel));
+            seen += Self::of(&with.own, channel) - both * there / clear;
+            own += Self::of(&self.own, channel) * (1.0 + LITTLE) - both * both / clear;
+            behind += there * there / clear;
+        }
+        if seen > 0.0 && own > 0.0 { seen * seen / own + behind } else { 0.0 }
     }
 }
 
@@ -129,8 +175,9 @@ impl Bank {
             let time = f64::from(moment) / f64::from(moments.max(2) - 1);
             for direction in directions() {
                 let Some(pose) = pose_from(stage, direction, time) else { continue };
-                let drawn = stage.draw(&pose, Canvas::fine(size))?;
-                let looks = SIDES_PX.map(|side| Look::of(&drawn, side));
+                let pixels = stage.draw_pixels(&pose, Canvas::fine(size))?;
+                let (drawn, clear) = (pixels.thumbnail(), pixels.drawn().clear);
+                let looks = SIDES_PX.map(|side| Look::of(&drawn, &clear, side));
                 if looks.iter().all(|look| look.products.size() > f32::EPSILON) {
                     seen.push(Seen { pose, looks });
                 }
@@ -141,7 +188,7 @@ impl Bank {
 
     /// The `count` best guesses at what a frame shows, best first, no two of them of the same view.
     #[must_use]
-    pub fn guesses(&self, frame: &Gray, edges: Edges, count: usize) -> Vec<Guess> {
+    pub fn guesses(&self, frame: &Thumbnail, edges: Edges, count: usize) -> Vec<Guess> {
         let first = Self::ranked(&pyramid(frame, edges, |_| 0), &self.seen.iter().collect::<Vec<_>>());
         let seen: Vec<&Seen> = first.into_iter().take(LOOKED_AT).map(|found| found.seen).collect();
         let found = Self::ranked(&pyramid(frame, edges, |size| if size >= LARGE { 2 } else { 1 }), &seen);
@@ -212,15 +259,16 @@ fn pose_from(stage: &Stage, direction: DVec3, time: f64) -> Option<Pose> {
 struct Level {
     width: usize,
     height: usize,
-    gradient: [Vec<f32>; 2],
-    /// Sum of the squares of both gradients.
+    pixels: Vec<Gradient>,
+    /// Sum of the squares of all gradients.
     energy: f32,
     /// Which of the small pictures it is compared with.
     look: usize,
 }
 
 /// A frame at all sizes, and which of the small pictures is for which.
-fn pyramid(frame: &Gray, edges: Edges, look_of: impl Fn(f64) -> usize) -> Vec<Level> {
+fn pyramid(frame: &Thumbnail, edges: Edges, look_of: impl Fn(f64) -> usize) -> Vec<Level> {
+    let whole = frame.size();
     let mut levels = Vec::new();
     let mut size = SIZES[0];
     while size <= SIZES[1] {
@@ -229,30 +277,32 @@ fn pyramid(frame: &Gray, edges: Edges, look_of: impl Fn(f64) -> usize) -> Vec<Le
         let width = SIDES_PX[look] as f64 / size;
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some dozens of pixels")]
         let [across, down] =
-            [width, width * frame.height as f64 / frame.width as f64].map(|side| side.round().max(4.0) as usize);
-        let small = frame.resized(across, down);
-        let gradient = match edges {
-            Edges::AsTheyAre => small.gradient(),
-            Edges::HeldDown => held_down(small.gradient()),
-        };
-        let energy = gradient.iter().flatten().map(|g| g * g).sum();
-        levels.push(Level { width: across, height: down, gradient, energy, look });
+            [width, width * whole[1] as f64 / whole[0] as f64].map(|side| side.round().max(4.0) as usize);
+        let mut pixels = gradients(&frame.resized(across, down), None);
+        if edges == Edges::HeldDown {
+            hold_down(&mut pixels);
+        }
+        let energy = pixels.iter().map(squared).sum();
+        levels.push(Level { width: across, height: down, pixels, energy, look });
         size *= SIZE_STEP;
     }
     levels
 }
 
-/// Gradients no longer than their mean, each weighted by its length.
-fn held_down([mut right, mut down]: [Vec<f32>; 2]) -> [Vec<f32>; 2] {
-    let lengths: Vec<f32> = right.iter().zip(&down).map(|(right, down)| right.hypot(*down)).collect();
-    let sum = lengths.iter().sum::<f32>().max(f32::MIN_POSITIVE);
-    let longest = lengths.iter().map(|length| length * length).sum::<f32>() / sum;
-    for ((right, down), length) in right.iter_mut().zip(&mut down).zip(lengths) {
-        let factor = if length > longest { longest / length } else { 1.0 };
-        *right *= factor;
-        *down *= factor;
+/// Makes gradients no longer than their mean, each weighted by its length.
+fn hold_down(pixels: &mut [Gradient]) {
+    let sum = pixels.iter().map(|pixel| squared(pixel).sqrt()).sum::<f32>().max(f32::MIN_POSITIVE);
+    let longest = pixels.iter().map(squared).sum::<f32>() / sum;
+    for pixel in pixels {
+        let length = squared(pixel).sqrt();
+        if length > longest {
+            *pixel = pixel.map(|half| half * (longest / length));
+        }
     }
-    [right, down]
+}
+
+fn squared(pixel: &Gradient) -> f32 {
+    pixel.iter().map(|half| half.length_squared()).sum()
 }
 
 impl Level {
@@ -291,32 +341,28 @@ impl Level {
     }
 
     /// Correlation of gradients with the picture's upper left corner at a pixel, before the background with which that
-    /// is most: what of the frame lies outside of the
-    /// picture counts against it, what of the picture lies outside of the frame does not.
+    /// is most: what of the frame lies outside of the picture counts against it, what of the picture lies outside of the
+    /// frame does not.
     fn likeness(&self, look: &Look, [left, top]: [i64; 2]) -> f64 {
         let side = signed(look.side);
         let [width, height] = [self.width, self.height].map(signed);
         let (from_x, to_x) = ((-left).max(0), side.min(width - left));
         let is_whole = from_x == 0 && to_x == side && top >= 0 && top + side <= height;
-        let (mut dots, mut inside) = ([0.0f32; 2], Products::default());
+        let (mut with, mut inside) = (Products::default(), Products::default());
         for y in (-top).max(0)..side.min(height - top) {
             let index = |at: i64| usize::try_from(at).unwrap_or(0);
             let (row, there) = (index(y * side), index((y + top) * width + left + from_x));
             let (own, count) = (row + index(from_x), index(to_x - from_x));
-            for (way, frame) in self.gradient.iter().enumerate() {
-                let frame = &frame[there..there + count];
-                let [picture, clear] = [0, 1].map(|of| &look.gradients[of][way][own..own + count]);
-                dots[0] += picture.iter().zip(frame).map(|(a, b)| a * b).sum::<f32>();
-                dots[1] += clear.iter().zip(frame).map(|(a, b)| a * b).sum::<f32>();
-                if !is_whole {
-                    inside.add(picture, clear);
-                }
+            let picture = &look.pixels[own..own + count];
+            with.add_with(picture, &self.pixels[there..there + count]);
+            if !is_whole {
+                inside.add(picture);
             }
         }
         let inside = if is_whole { look.products } else { inside };
         // A picture that is nearly all outside of the frame says nothing.
         let share = (inside.size() / (LEAST_INSIDE * look.products.size())).min(1.0);
-        let explained = share * inside.explained(dots);
+        let explained = share * inside.explained(&with);
         if self.energy > 0.0 { f64::from((explained / self.energy).sqrt()) } else { 0.0 }
     }
 }

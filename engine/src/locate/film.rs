@@ -6,7 +6,7 @@ use guard4d_kernels::Device;
 
 use super::align::{Detail, Fit, Plan, Way, align, costs_of, moments};
 use super::bank::{Bank, Edges};
-use super::gray::Gray;
+use super::picture::Picture;
 use super::pose::Pose;
 use super::search::{SCANNED, TIED, anywhere, with_lens};
 use super::shots::{is_same, shots};
@@ -120,7 +120,7 @@ impl Locator {
     pub fn locate(
         &mut self,
         model: &Model,
-        frames: &[Gray],
+        frames: &[Picture],
         observer: &mut dyn Observer,
     ) -> Result<Track, EngineError> {
         self.locate_from(SoFar::default(), model, frames, observer, &mut |_| Ok(()))
@@ -135,11 +135,11 @@ impl Locator {
         &mut self,
         mut so_far: SoFar,
         model: &Model,
-        frames: &[Gray],
+        frames: &[Picture],
         observer: &mut dyn Observer,
         keep: &mut dyn FnMut(&SoFar) -> Result<(), EngineError>,
     ) -> Result<Track, EngineError> {
-        let shots = shots(frames);
+        let shots = shots(frames.iter().map(|frame| &frame.gray));
         let mut work = Work { done: 0, total: 2 * frames.len() as u64, observer };
         let Some(longest) = (0..shots.len()).max_by_key(|shot| shots[*shot].len()) else { return Ok(Track::default()) };
         let First { begun: first, is_mirrored } = match so_far.first {
@@ -154,9 +154,9 @@ impl Locator {
                 first
             }
         };
-        let mirrored: Vec<Gray>;
+        let mirrored: Vec<Picture>;
         let frames = if is_mirrored {
-            mirrored = frames.iter().map(Gray::mirrored).collect();
+            mirrored = frames.iter().map(Picture::mirrored).collect();
             &mirrored
         } else {
             frames
@@ -184,14 +184,14 @@ impl Locator {
     }
 
     /// Looks for the asset in a shot, and for its mirror image if that is not plainly found.
-    fn either_way(&mut self, frames: &[Gray], work: &mut Work<'_>) -> Result<First, EngineError> {
+    fn either_way(&mut self, frames: &[Picture], work: &mut Work<'_>) -> Result<First, EngineError> {
         let begun = self.first(frames, work)?;
         let likeness = |begun: Option<Begun>| begun.map_or(f64::NEG_INFINITY, |begun| begun.likeness);
         if likeness(begun) >= GOOD {
             return Ok(First { begun, is_mirrored: false });
         }
         // An asset that is much like its mirror image may be found in either.
-        let mirrored: Vec<Gray> = frames.iter().map(Gray::mirrored).collect();
+        let mirrored: Vec<Picture> = frames.iter().map(Picture::mirrored).collect();
         let other = self.first(&mirrored, work)?;
         let is_mirrored = likeness(other) > likeness(begun);
         Ok(First { begun: if is_mirrored { other } else { begun }, is_mirrored })
@@ -211,7 +211,7 @@ impl Locator {
             let (mut last, mut earlier, mut before) = (begun.fit.0, None, begun.frame);
             for at in way {
                 work.one("frames found")?;
-                let fit = match is_same(&frames[at], &frames[before]) {
+                let fit = match is_same(&frames[at].gray, &frames[before].gray) {
                     true => last,
                     false => self.next(&frames[at], last, earlier, searches)?,
                 };
@@ -229,13 +229,13 @@ impl Locator {
     }
 
     /// Looks for the asset in a few frames until it is found in one; where it is most like it.
-    fn first(&mut self, frames: &[Gray], work: &mut Work<'_>) -> Result<Option<Begun>, EngineError> {
+    fn first(&mut self, frames: &[Picture], work: &mut Work<'_>) -> Result<Option<Begun>, EngineError> {
         let mut best: Option<Begun> = None;
         let tries = TRIES.min(2 * frames.len());
         for number in 0..tries {
             work.look("looking for the asset")?;
             let frame = (2 * number + 1) * frames.len() / (2 * tries);
-            if frames[frame].is_plain() {
+            if frames[frame].gray.is_plain() {
                 continue;
             }
             // What hides it in one way may not in the other.
@@ -253,13 +253,13 @@ impl Locator {
     }
 
     /// How like the original a frame is that may be found: small pictures alone leave that open.
-    fn closely(&mut self, frame: &Gray, fit: Fit) -> Result<f64, EngineError> {
+    fn closely(&mut self, frame: &Picture, fit: Fit) -> Result<f64, EngineError> {
         if !(FOUND..GOOD).contains(&fit.correlation) {
             return Ok(fit.correlation);
         }
         let was_rough = self.stage.is_rough();
         self.stage.set_rough(false);
-        let closer = align(&mut self.stage, frame, &fit.pose, TELL)?;
+        let closer = align(&mut self.stage, &frame.gray, &fit.pose, TELL)?;
         self.stage.set_rough(was_rough);
         Ok(fit.correlation.max(closer.correlation))
     }
@@ -268,7 +268,7 @@ impl Locator {
     /// there.
     fn next(
         &mut self,
-        frame: &Gray,
+        frame: &Picture,
         last: Fit,
         earlier: Option<Fit>,
         searches: &mut usize,
@@ -276,8 +276,8 @@ impl Locator {
         let reach = NEAR + earlier.map_or(0.0, |earlier| (last.pose.time - earlier.pose.time).abs());
         let stage = &mut self.stage;
         let mut follow = |begun: Pose| -> Result<Fit, EngineError> {
-            let pose = moments(stage, frame, &begun, SCANNED, reach)?.first().copied().unwrap_or(begun);
-            align(stage, frame, &pose, NEXT)
+            let pose = moments(stage, &frame.gray, &begun, SCANNED, reach)?.first().copied().unwrap_or(begun);
+            align(stage, &frame.gray, &pose, NEXT)
         };
         let ahead = earlier.map_or(last.pose, |earlier| last.pose.moved(&last.pose.since(&earlier.pose)));
         let mut best = follow(ahead)?;
@@ -296,7 +296,7 @@ impl Locator {
     /// Brings all frames of a shot to where they fit best with one lens, and beside each other.
     fn settle(
         &mut self,
-        frames: &[Gray],
+        frames: &[Picture],
         fits: &mut [Fit],
         begun: usize,
         work: &mut Work<'_>,
@@ -308,8 +308,8 @@ impl Locator {
         for number in 0..telling {
             work.look("the lens")?;
             let at = (2 * number + 1) * frames.len() / (2 * telling);
-            let fit = align(stage, &frames[at], &with_lens(fits[at].pose, usual), TELL)?;
-            let fit = if fit.tied > TIED { align(stage, &frames[at], &fit.pose, TELL_EXACTLY)? } else { fit };
+            let fit = align(stage, &frames[at].gray, &with_lens(fits[at].pose, usual), TELL)?;
+            let fit = if fit.tied > TIED { align(stage, &frames[at].gray, &fit.pose, TELL_EXACTLY)? } else { fit };
             lenses.push(Weighed { value: fit.pose.lens, weight: fit.lens_weight });
         }
         let lens = weighted_median(lenses).unwrap_or(usual);
@@ -323,7 +323,7 @@ impl Locator {
                 let toward = |by: usize| if at > begun { at.checked_sub(by) } else { Some(at + by) };
                 let between = begun.min(at)..=begun.max(at);
                 let known = |by: usize| toward(by).filter(|other| at != begun && between.contains(other));
-                if let Some(beside) = known(1).filter(|beside| is_same(&frames[at], &frames[*beside])) {
+                if let Some(beside) = known(1).filter(|beside| is_same(&frames[at].gray, &frames[*beside].gray)) {
                     fits[at] = fits[beside];
                     continue;
                 }
@@ -342,8 +342,8 @@ impl Locator {
 
     /// Looks again at frames that are beside the way, or much less like the original than the others: from where the
     /// way leads, and at every moment.
-    fn look_again(&mut self, frames: &[Gray], fits: &mut [Fit], work: &mut Work<'_>) -> Result<(), EngineError> {
-        let width = frames.first().map_or(0.0, |frame| frame.width as f64);
+    fn look_again(&mut self, frames: &[Picture], fits: &mut [Fit], work: &mut Work<'_>) -> Result<(), EngineError> {
+        let width = frames.first().map_or(0.0, |frame| frame.gray.width as f64);
         let apart: Vec<Option<f64>> =
             (0..fits.len()).map(|at| Some(apart_px(&fits[at].pose, &between(fits, at)?, width))).collect();
         let far = APART_PX.max(APART_OF_USUAL * median(apart.iter().flatten().copied()));
@@ -357,15 +357,15 @@ impl Locator {
             let mut begun: Vec<Pose> = between(fits, at).into_iter().collect();
             self.stage.set_rough(true);
             let from = begun.first().copied().unwrap_or(fits[at].pose);
-            begun.extend(moments(&mut self.stage, &frames[at], &from, SCANNED, 1.0)?.into_iter().take(ALIKE));
+            begun.extend(moments(&mut self.stage, &frames[at].gray, &from, SCANNED, 1.0)?.into_iter().take(ALIKE));
             self.stage.set_rough(false);
             let mut best: Option<Fit> = None;
             for pose in begun {
-                let fit = align(&mut self.stage, &frames[at], &pose, NEXT)?;
+                let fit = align(&mut self.stage, &frames[at].gray, &pose, NEXT)?;
                 best = best.filter(|best| best.cost <= fit.cost).or(Some(fit));
             }
             if let Some(best) = best {
-                let fit = align(&mut self.stage, &frames[at], &best.pose, LAST)?;
+                let fit = align(&mut self.stage, &frames[at].gray, &best.pose, LAST)?;
                 fits[at] = if fit.cost < fits[at].cost { fit } else { fits[at] };
             }
         }
@@ -375,14 +375,14 @@ impl Locator {
 
 /// Has the asset drawn as a film was whose frames these are: by its renderer, and at its size or at twice that and then
 /// made smaller, whichever fits clearly better than those before. Then the same once more, from where frames fit it.
-fn draw_as(stage: &mut Stage, model: &Model, frames: &[Gray], fits: &[Fit]) -> Result<(), EngineError> {
+fn draw_as(stage: &mut Stage, model: &Model, frames: &[Picture], fits: &[Fit]) -> Result<(), EngineError> {
     let shown = MADE.min(frames.len());
     let shown: Vec<usize> = (0..shown).map(|number| (2 * number + 1) * frames.len() / (2 * shown)).collect();
     let mut poses: Vec<Pose> = shown.iter().map(|at| fits[*at].pose).collect();
     stage.draw_as(model, Making::default())?;
     for _ in 0..2 {
         for (pose, at) in poses.iter_mut().zip(&shown) {
-            *pose = align(stage, &frames[*at], pose, LAST)?.pose;
+            *pose = align(stage, &frames[*at].gray, pose, LAST)?.pose;
         }
         let (mut best, mut least) = (Making::default(), f64::INFINITY);
         // Twice as large is four times the pixels: only by whom it may be.
@@ -393,7 +393,7 @@ fn draw_as(stage: &mut Stage, model: &Model, frames: &[Gray], fits: &[Fit]) -> R
                 stage.draw_as(model, making)?;
                 let mut cost = 0.0;
                 for (pose, at) in poses.iter().zip(&shown) {
-                    cost += costs_of(stage, &frames[*at], &[*pose], LAST)?[0];
+                    cost += costs_of(stage, &frames[*at].gray, &[*pose], LAST)?[0];
                 }
                 if cost < CLEARLY * least {
                     (best, least) = (making, cost);
@@ -406,15 +406,15 @@ fn draw_as(stage: &mut Stage, model: &Model, frames: &[Gray], fits: &[Fit]) -> R
 }
 
 /// A frame's last steps, from the first of several places unless it fits much better in another.
-fn last_steps(stage: &mut Stage, frame: &Gray, starts: &[Pose], lens: f64) -> Result<Fit, EngineError> {
+fn last_steps(stage: &mut Stage, frame: &Picture, starts: &[Pose], lens: f64) -> Result<Fit, EngineError> {
     let starts: Vec<Pose> = starts.iter().map(|start| with_lens(*start, lens)).collect();
-    let costs = costs_of(stage, frame, &starts, LAST)?;
+    let costs = costs_of(stage, &frame.gray, &starts, LAST)?;
     let mut best = 0;
     for at in 1..starts.len() {
         best = if costs[at] < MUCH_BETTER * costs[best] { at } else { best };
     }
-    let fit = align(stage, frame, &starts[best], LAST)?;
-    if fit.tied > TIED { align(stage, frame, &fit.pose, LAST_EXACTLY) } else { Ok(fit) }
+    let fit = align(stage, &frame.gray, &starts[best], LAST)?;
+    if fit.tied > TIED { align(stage, &frame.gray, &fit.pose, LAST_EXACTLY) } else { Ok(fit) }
 }
 
 /// Between the poses of a frame's neighbours, where it has two.
@@ -433,7 +433,7 @@ pub fn apart_px(a: &Pose, b: &Pose, width: f64) -> f64 {
 /// Frames without a cut, and where they begin to be found.
 struct Shot<'a> {
     model: &'a Model,
-    frames: &'a [Gray],
+    frames: &'a [Picture],
     begun: Begun,
 }
 

@@ -1,9 +1,9 @@
-//! What is looked at of a film: so many of its frames, in one channel, not too large, without bars.
+//! What is looked at of a film: so many of its frames, not too large, without bars.
 
 use std::num::NonZeroU32;
 use std::path::Path;
 
-use super::gray::Gray;
+use super::picture::Picture;
 use crate::base::digest::Digest;
 use crate::error::EngineError;
 use crate::media::framing::{BarFinder, Rect};
@@ -19,7 +19,7 @@ const SHORTEST_PX: usize = 24;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reading {
     /// What is compared, in sequence; none of frames that are too small to say where they were taken.
-    pub pictures: Vec<Gray>,
+    pub pictures: Vec<Picture>,
     /// One of so many frames is looked at, from the first on.
     pub every: usize,
     /// How many there are.
@@ -57,7 +57,7 @@ impl Reading {
             if count % every.get() as usize == 0 {
                 size_px = (frame.width(), frame.height());
                 bars.look(&frame);
-                whole.push(Gray::of_frame(&frame).within(LONGEST_PX));
+                whole.push(Picture::of_frame(&frame, LONGEST_PX));
             }
             count += 1;
             Ok(())
@@ -67,16 +67,16 @@ impl Reading {
         let picture = bars.find().map_or(all, |inside| centred(inside, size));
         let mut pictures = match picture == all {
             true => whole,
-            false => whole.iter().map(|frame| frame.cut(part(picture, size, frame))).collect(),
+            false => whole.iter().map(|frame| frame.cut(|sides| part(picture, size, sides))).collect(),
         };
-        pictures.retain(|picture| picture.width.min(picture.height) >= SHORTEST_PX);
+        pictures.retain(|picture| picture.gray.width.min(picture.gray.height) >= SHORTEST_PX);
         Ok(Self { pictures, every: every.get() as usize, frames: count, size, picture })
     }
 
     /// Hash of the pictures.
     #[must_use]
     pub fn digest(&self) -> Digest {
-        let values = self.pictures.iter().flat_map(|picture| &picture.values);
+        let values = self.pictures.iter().flat_map(|picture| &picture.gray.values);
         Digest::of(&values.flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>())
     }
 }
@@ -91,12 +91,12 @@ fn centred(inside: Rect, size: FrameSize) -> Rect {
 
 /// A part of frames in a picture of them that may be smaller.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "pixels within a frame")]
-fn part(rect: Rect, size: FrameSize, frame: &Gray) -> Rect {
-    let scale = frame.width as f64 / f64::from(size.width());
+fn part(rect: Rect, size: FrameSize, sides: [usize; 2]) -> Rect {
+    let scale = sides[0] as f64 / f64::from(size.width());
     let [x, y] = [rect.x, rect.y].map(|at| (f64::from(at) * scale).round() as u32);
     let within = |from: u32, length: u32, side: usize| {
         let length = (f64::from(length) * scale).round().max(1.0) as u32;
         length.min(u32::try_from(side).unwrap_or(u32::MAX) - from)
     };
-    Rect { x, y, width: within(x, rect.width, frame.width), height: within(y, rect.height, frame.height) }
+    Rect { x, y, width: within(x, rect.width, sides[0]), height: within(y, rect.height, sides[1]) }
 }

@@ -3,6 +3,7 @@
 use super::align::{Detail, Fit, Plan, Way, align, moments};
 use super::bank::{Bank, Edges};
 use super::gray::Gray;
+use super::picture::Picture;
 use super::pose::{LENS, PARAMETERS, Pose};
 use super::stage::Stage;
 use crate::error::EngineError;
@@ -38,9 +39,10 @@ const EXACT: Plan = Plan { detail: Detail::Radius(90.0), steps: 10, lens: true, 
 ///
 /// # Errors
 /// When memory runs out or the device fails.
-pub fn anywhere(stage: &mut Stage, bank: &Bank, frame: &Gray, edges: Edges) -> Result<Option<Fit>, EngineError> {
+pub fn anywhere(stage: &mut Stage, bank: &Bank, picture: &Picture, edges: Edges) -> Result<Option<Fit>, EngineError> {
+    let frame = &picture.gray;
     let mut fits = Vec::new();
-    for guess in bank.guesses(frame, edges, GUESSES) {
+    for guess in bank.guesses(&picture.thumbnail, edges, GUESSES) {
         let longer = frame.width.max(frame.height) as f64 / frame.width as f64;
         let lens = (longer / (2.0 * (LENS_DEG.to_radians() / 2.0).tan())).ln();
         fits.push(align(stage, frame, &with_lens(guess.pose, lens), COARSE)?);

@@ -17,8 +17,8 @@ const SAME: f32 = 1.4 / 255.0;
 
 /// The shots of a film, in order; none of them is empty.
 #[must_use]
-pub fn shots(frames: &[Gray]) -> Vec<Range<usize>> {
-    let small: Vec<Gray> = frames.iter().map(small).collect();
+pub fn shots<'a>(frames: impl Iterator<Item = &'a Gray>) -> Vec<Range<usize>> {
+    let small: Vec<Gray> = frames.map(small).collect();
     let alike: Vec<f64> = small.windows(2).map(|pair| correlation(&pair[0], &pair[1])).collect();
     let mut shots = Vec::new();
     let mut start = 0;
@@ -32,8 +32,8 @@ pub fn shots(frames: &[Gray]) -> Vec<Range<usize>> {
             start = at + 1;
         }
     }
-    if start < frames.len() {
-        shots.push(start..frames.len());
+    if start < small.len() {
+        shots.push(start..small.len());
     }
     shots
 }

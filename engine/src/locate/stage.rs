@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::gray::Gray;
 use super::pose::{Middle, Pose};
+use super::thumbnail::Thumbnail;
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::render::deform::{DeformField, SplatState};
@@ -204,14 +205,21 @@ impl Stage {
     /// # Errors
     /// When memory runs out or the device fails.
     pub fn draw(&mut self, pose: &Pose, canvas: Canvas) -> Result<Drawn, EngineError> {
-        let drawn_at = self.drawn_at(canvas)?;
+        Ok(self.draw_pixels(pose, canvas)?.drawn())
+    }
+
+    /// The same before it is made smaller, and in colour.
+    ///
+    /// # Errors
+    /// As [`draw`](Self::draw).
+    pub fn draw_pixels(&mut self, pose: &Pose, canvas: Canvas) -> Result<Pixels, EngineError> {
         let plan = self.plan(pose, canvas)?;
         let mut rec = self.device.recorder()?;
         let mut pixels = self.device.buffer("locate.frame", plan.frame_len())?;
         let (background, frame) = (self.background, FrameMut { clip: &mut pixels, index: 0 });
         self.scenery(canvas).renderer.forward_linear(&mut rec, &plan, None, background, frame)?;
         rec.submit()?;
-        Ok(Drawn::of(&pixels.read()?, drawn_at, canvas.size))
+        Ok(Pixels { values: pixels.read()?, drawn: self.drawn_at(canvas)?, size: canvas.size })
     }
 
     /// For each pixel of the same picture the point that it shows, where it shows enough of the asset.
@@ -300,6 +308,29 @@ impl Canvas {
     #[must_use]
     pub fn fine(size: FrameSize) -> Self {
         Self { size, drawn: None }
+    }
+}
+
+/// A picture of the asset as it was drawn, and the size at which it is wanted.
+#[derive(Clone, Debug)]
+pub struct Pixels {
+    values: Vec<f32>,
+    drawn: FrameSize,
+    size: FrameSize,
+}
+
+impl Pixels {
+    /// What is compared.
+    #[must_use]
+    pub fn drawn(&self) -> Drawn {
+        Drawn::of(&self.values, self.drawn, self.size)
+    }
+
+    /// The same in colour.
+    #[must_use]
+    pub fn thumbnail(&self) -> Thumbnail {
+        let [drawn, size] = [self.drawn, self.size].map(|size| [size.width() as usize, size.height() as usize]);
+        Thumbnail::of_pixels(drawn, &self.values, size)
     }
 }
 

@@ -31,6 +31,9 @@ pub struct DeviceOptions {
     /// Bytes that the machine is taken to have free for it, where that is not to be asked: for finding out what a
     /// smaller machine would do.
     pub free_memory: Option<u64>,
+    /// Whether validation layers leave it alone, in builds that have them watch: they take nearly as long as small
+    /// pictures do.
+    pub unwatched: bool,
 }
 
 /// An open Vulkan device; cheap to clone.
@@ -65,7 +68,7 @@ impl Device {
     /// # Errors
     /// [`KernelError::NoDriver`] without a loader or driver.
     pub fn list() -> Result<Vec<DeviceInfo>, KernelError> {
-        Ok(Instance::new()?.devices()?.into_iter().map(|(_, info)| info).collect())
+        Ok(Instance::new(true)?.devices()?.into_iter().map(|(_, info)| info).collect())
     }
 
     /// Opens the device that `select` means, with the kernels that suit it.
@@ -82,7 +85,7 @@ impl Device {
     /// # Errors
     /// As [`Device::open`], and [`KernelError::Unsuitable`] when it cannot run the kernels that are asked for.
     pub fn open_with(select: &DeviceSelect, options: DeviceOptions) -> Result<Self, KernelError> {
-        let instance = Instance::new()?;
+        let instance = Instance::new(!options.unwatched)?;
         let (physical, mut info) = instance.choose(select)?;
         if let Some(most) = options.max_storage_bytes {
             info.max_storage_bytes = info.max_storage_bytes.min(most);

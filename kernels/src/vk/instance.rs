@@ -31,10 +31,11 @@ pub(super) struct Instance {
 }
 
 impl Instance {
-    pub(super) fn new() -> Result<Self, KernelError> {
+    /// In builds for it, and if `watched`, validation layers look on.
+    pub(super) fn new(watched: bool) -> Result<Self, KernelError> {
         // SAFETY: loading the system's Vulkan loader has no precondition beyond its being one.
         let entry = unsafe { ash::Entry::load() }.map_err(|e| KernelError::NoDriver { reason: e.to_string() })?;
-        let validation = cfg!(feature = "validation") && has_layer(&entry);
+        let validation = watched && cfg!(feature = "validation") && has_layer(&entry);
         let layers: Vec<*const c_char> = if validation { vec![VALIDATION_LAYER.as_ptr()] } else { Vec::new() };
         let extensions: Vec<*const c_char> =
             if validation { vec![ash::ext::debug_utils::NAME.as_ptr()] } else { Vec::new() };

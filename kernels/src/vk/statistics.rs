@@ -40,7 +40,7 @@ pub struct DriverStatistics {
 /// [`KernelError::NoDriver`], [`KernelError::NoDevice`]; [`KernelError::Unsuitable`] for a driver that does not tell;
 /// when a kernel does not compile.
 pub fn statistics(select: &DeviceSelect, kernels: FamilySelect) -> Result<DriverStatistics, KernelError> {
-    let instance = Instance::new()?;
+    let instance = Instance::new(true)?;
     let (physical, info) = instance.choose(select)?;
     let family = kernels.choose(&info)?;
     let raw = instance.create_device(physical, &info, instance.compute_family(physical, &info)?, Uses::Statistics)?;

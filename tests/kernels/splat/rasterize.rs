@@ -207,7 +207,7 @@ fn gpu_image_and_gradient_follow_the_twin() {
 fn gpu_image_and_gradient_follow_the_twin_by_other_rules() {
     let Some(gpu) = device() else { return };
     for rules in scene::rules() {
-        for (n, width, height) in [(400, 37, 53), (3000, 200, 120)] {
+        for (n, width, height) in [(400, 37, 53), (1500, 70, 45)] {
             follow_the_twin(&gpu, &scene::random(n, n as u64), &View { rules, ..scene::view(width, height) });
         }
     }
