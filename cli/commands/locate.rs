@@ -114,6 +114,9 @@ fn human(report: &LocateReport) -> String {
     if let Some(apart) = report.apart_px {
         rows.push(("from between neighbours", format!("{apart:.2} px")));
     }
+    if let Some(gap) = report.gap_px {
+        rows.push(("from either side", format!("{gap:.2} px apart")));
+    }
     if let Some(fov) = report.fov_deg {
         rows.push(("horizontal field of view", format!("{fov:.1} degrees")));
     }

@@ -5,7 +5,7 @@ use guard4d_engine::locate::bank::{Bank, Edges};
 use guard4d_engine::locate::pose::Pose;
 use guard4d_engine::locate::stage::{Canvas, Stage};
 use guard4d_engine::scene::demo::DemoScene;
-use guard4d_engine::scene::{FrameSize, Model};
+use guard4d_engine::scene::{FrameSize, Model, Motion};
 
 use crate::support::gpu::device;
 
@@ -13,11 +13,12 @@ use crate::support::gpu::device;
 fn a_frame_is_found_among_small_pictures_at_any_size_and_place() {
     let Some(gpu) = device() else { return };
     let scene = DemoScene::unpack().expect("the scene unpacks");
-    let model = Model::open(scene.path()).expect("the scene opens");
+    let mut model = Model::open(scene.path()).expect("the scene opens");
+    model.motion = Motion::Still;
     let mut stage = Stage::new(&gpu, &model).expect("it fits");
     let bank = Bank::new(&mut stage).expect("it is drawn");
     let turn = glam::DQuat::from_rotation_x(2.2) * glam::DQuat::from_rotation_z(0.9);
-    let truth = Pose { turn, shift: [0.15, -0.1], size: -1.6, lens: 0.2, time: 0.3 };
+    let truth = Pose { turn, shift: [0.15, -0.1], size: -1.6, lens: 0.2, time: 0.0 };
     let canvas = Canvas::fine(FrameSize::new(160, 90).expect("a size"));
     let frame = stage.draw_pixels(&truth, canvas).expect("draws").thumbnail();
     let guesses = bank.guesses(&frame, Edges::AsTheyAre, 10);

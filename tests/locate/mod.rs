@@ -4,6 +4,7 @@ mod align;
 mod bank;
 mod cameras;
 mod film;
+mod gap;
 mod gray;
 mod picture;
 mod pose;

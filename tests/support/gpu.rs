@@ -46,8 +46,8 @@ pub(crate) fn device() -> Option<Gpu> {
     }
 }
 
-/// The shared device without validation layers, for tests that train for minutes: other tests have the layers watch what
-/// these do over and over. `None` as for [`device`].
+/// The shared device without validation layers, for tests that train for minutes: other tests have the layers watch
+/// what these do over and over. `None` as for [`device`].
 pub(crate) fn unwatched_device() -> Option<Gpu> {
     static DEVICE: OnceLock<Device> = OnceLock::new();
     drop(device()?);

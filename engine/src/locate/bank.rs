@@ -341,8 +341,8 @@ impl Level {
     }
 
     /// Correlation of gradients with the picture's upper left corner at a pixel, before the background with which that
-    /// is most: what of the frame lies outside of the picture counts against it, what of the picture lies outside of the
-    /// frame does not.
+    /// is most: what of the frame lies outside of the picture counts against it, what of the picture lies outside of
+    /// the frame does not.
     fn likeness(&self, look: &Look, [left, top]: [i64; 2]) -> f64 {
         let side = signed(look.side);
         let [width, height] = [self.width, self.height].map(signed);

@@ -56,7 +56,7 @@ const NEXT: Plan = Plan { detail: Detail::Radius(40.0), steps: 5, lens: false, t
 /// Steps at the end: for those that tell the lens, and for all.
 const TELL: Plan = Plan { detail: Detail::Width(384), steps: 8, lens: true, time: true, way: Way::AsFilm };
 const TELL_EXACTLY: Plan = Plan { way: Way::Exact, ..TELL };
-const LAST: Plan = Plan { detail: Detail::Width(384), steps: 8, lens: false, time: true, way: Way::AsFilm };
+pub(super) const LAST: Plan = Plan { detail: Detail::Width(384), steps: 8, lens: false, time: true, way: Way::AsFilm };
 const LAST_EXACTLY: Plan = Plan { steps: 6, way: Way::Exact, ..LAST };
 
 /// Where the frames of a film were taken.
@@ -85,7 +85,7 @@ impl Track {
 /// The asset, and small pictures of it to look for.
 #[derive(Debug)]
 pub struct Locator {
-    stage: Stage,
+    pub(super) stage: Stage,
     bank: Bank,
     original: Digest,
 }

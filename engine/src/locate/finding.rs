@@ -6,6 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::film::{Locator, Track, apart_px, median};
+use super::gap::gap_px;
 use super::reading::Reading;
 use super::so_far::{Kept, SoFar};
 use super::stage::Making;
@@ -63,6 +64,9 @@ pub struct LocateReport {
     /// How far a frame is from between its neighbours at the median, px of the film; none of fewer than three frames.
     /// Each was fitted for itself, so that it is a bound on how far off they are where the camera moves evenly.
     pub apart_px: Option<f64>,
+    /// How far apart a frame is found from those before it and from those behind it, px of the picture that was looked
+    /// at, at the median of some: where pictures leave open where they were taken, that is far.
+    pub gap_px: Option<f64>,
     /// Horizontal field of view at the median, degrees.
     pub fov_deg: Option<f64>,
     /// The first frame's moment and the last's.
@@ -119,7 +123,14 @@ impl Locator {
         let mut keep = |so_far: &SoFar| kept.map_or(Ok(()), |kept| so_far.write(kept.path, identity));
         let track = self.locate_from(so_far, model, &reading.pictures, observer, &mut keep)?;
         let cameras = track.cameras(&reading, self.stage().middle())?;
-        Ok(Finding { report: report(&track, &reading), cameras })
+        let mut report = report(&track, &reading);
+        if track.is_found() {
+            self.stage.set_rough(false);
+            self.stage.draw_as(model, track.making)?;
+            observer.observe(Progress { stage: "the other way round", done: 0, total: None })?;
+            report.gap_px = gap_px(&mut self.stage, &reading.pictures, &track)?;
+        }
+        Ok(Finding { report, cameras })
     }
 }
 
@@ -144,6 +155,7 @@ fn report(track: &Track, reading: &Reading) -> LocateReport {
         picture: Some(reading.picture).filter(|picture| *picture != whole),
         likeness: of(&|at| known[at].correlation).or(track.guess.map(|guess| guess.correlation)),
         apart_px: (!apart.is_empty()).then(|| median(apart.iter().copied())),
+        gap_px: None,
         fov_deg: of(&|at| (2.0 * (0.5 / known[at].pose.lens.exp()).atan()).to_degrees()),
         times: known.first().zip(known.last()).map(|(first, last)| [first.pose.time, last.pose.time]),
         making: track.is_found().then_some(track.making),

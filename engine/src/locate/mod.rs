@@ -6,6 +6,7 @@ pub mod bank;
 pub mod cameras;
 pub mod film;
 pub mod finding;
+pub mod gap;
 pub mod gray;
 pub mod picture;
 pub mod pose;
