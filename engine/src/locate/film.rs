@@ -44,8 +44,10 @@ const APART_OF_USUAL: f64 = 4.0;
 const MUCH_BETTER: f64 = 0.6;
 /// What a picture costs, of one that is made in a likelier way, to be taken for the film's.
 const CLEARLY: f64 = 0.9;
-/// Frames of a shot that tell how it was made.
+/// Frames of a shot that tell how it was made: of so many spread over it those that fit best, as in one that is out of
+/// place more differs by that than by any renderer.
 const MADE: usize = 3;
+const MADE_OF: usize = 9;
 /// What a frame costs, of what is usual beside it, to be looked at again; moments that are tried then.
 const DEAR: f64 = 1.4;
 const BESIDE: usize = 4;
@@ -376,8 +378,10 @@ impl Locator {
 /// Has the asset drawn as a film was whose frames these are: by its renderer, and at its size or at twice that and then
 /// made smaller, whichever fits clearly better than those before. Then the same once more, from where frames fit it.
 fn draw_as(stage: &mut Stage, model: &Model, frames: &[Picture], fits: &[Fit]) -> Result<(), EngineError> {
-    let shown = MADE.min(frames.len());
-    let shown: Vec<usize> = (0..shown).map(|number| (2 * number + 1) * frames.len() / (2 * shown)).collect();
+    let spread = MADE_OF.min(frames.len());
+    let mut shown: Vec<usize> = (0..spread).map(|number| (2 * number + 1) * frames.len() / (2 * spread)).collect();
+    shown.sort_by(|a, b| fits[*a].cost.total_cmp(&fits[*b].cost));
+    shown.truncate(MADE);
     let mut poses: Vec<Pose> = shown.iter().map(|at| fits[*at].pose).collect();
     stage.draw_as(model, Making::default())?;
     for _ in 0..2 {
