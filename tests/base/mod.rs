@@ -5,3 +5,4 @@ mod ledger;
 mod output;
 mod prf;
 mod signature;
+mod spread;

@@ -1,7 +1,7 @@
 //! What a frame shows is found without a prior.
 
 use glam::DVec3;
-use guard4d_engine::locate::bank::{Bank, Edges};
+use guard4d_engine::locate::bank::{Bank, Edges, Guess};
 use guard4d_engine::locate::pose::Pose;
 use guard4d_engine::locate::stage::{Canvas, Stage};
 use guard4d_engine::scene::demo::DemoScene;
@@ -21,7 +21,7 @@ fn a_frame_is_found_among_small_pictures_at_any_size_and_place() {
     let truth = Pose { turn, shift: [0.15, -0.1], size: -1.6, lens: 0.2, time: 0.0 };
     let canvas = Canvas::fine(FrameSize::new(160, 90).expect("a size"));
     let frame = stage.draw_pixels(&truth, canvas).expect("draws").thumbnail();
-    let guesses = bank.guesses(&frame, Edges::AsTheyAre, 10);
+    let guesses = bank.guesses(&mut stage, &frame, Edges::AsTheyAre, 10).expect("it looks");
     let axis = |pose: &Pose| pose.turn.inverse() * DVec3::Z;
     // Pictures are 15 degrees apart, and at 24 pixels a neighbour may look as like; size within a step, place
     // within a pixel.
@@ -37,13 +37,28 @@ fn a_frame_is_found_among_small_pictures_at_any_size_and_place() {
     assert!(guesses.windows(2).all(|pair| pair[0].likeness >= pair[1].likeness), "best first");
     // In other colours of the same brightness it is less like all of them; without any it is still found, as a film may
     // be black and white.
-    let in_colours = |of: f32| {
+    let mut in_colours = |of: f32| {
         let mut other = frame.clone();
         other.channels[1..].iter_mut().for_each(|channel| channel.values.iter_mut().for_each(|value| *value *= of));
-        bank.guesses(&other, Edges::AsTheyAre, 10)
+        bank.guesses(&mut stage, &other, Edges::AsTheyAre, 10).expect("it looks")
     };
     let [other, without] = [in_colours(-1.0), in_colours(0.0)];
     let (own, other) = (guesses[0].likeness, other[0].likeness);
     assert!(other < 0.9 * own, "colours count: {own}, {other} in others");
     assert!(without.iter().any(|guess| is_near(&guess.pose)), "{without:?}");
+}
+
+#[test]
+fn what_is_beside_the_middle_of_a_picture_is_seen_from_another_side() {
+    let turn = glam::DQuat::from_rotation_x(1.9) * glam::DQuat::from_rotation_z(0.4);
+    let guess = Guess { pose: Pose { turn, shift: [0.3, -0.2], size: -1.0, lens: 0.1, time: 0.5 }, likeness: 0.7 };
+    // From the camera to the middle, in the world: along the axis of the small picture, whatever the lens.
+    let expected = guess.pose.turn.inverse() * DVec3::Z;
+    for lens in [-0.4f64, 0.1, 1.2] {
+        let through = guess.through(lens);
+        let seen = DVec3::new(0.3 / lens.exp(), -0.2 / lens.exp(), 1.0).normalize();
+        let along = through.turn.inverse() * seen;
+        assert!((along - expected).length() < 1e-12, "{along} {expected}");
+        assert_eq!((through.lens, through.shift, through.size), (lens, guess.pose.shift, guess.pose.size));
+    }
 }

@@ -5,6 +5,7 @@ use guard4d_engine::error::EngineError;
 mod camera;
 mod cfg_args;
 mod demo;
+mod ellipsoid;
 mod formats;
 mod gaussians;
 mod model;

@@ -16,4 +16,5 @@ pub mod prf;
 pub mod rotation;
 pub mod schedule;
 pub mod signature;
+pub mod spread;
 pub mod tensor_file;

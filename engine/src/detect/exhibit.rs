@@ -3,6 +3,7 @@
 use guard4d_kernels::Device;
 
 use super::gathered::KnownFilm;
+use crate::base::spread::spread;
 use crate::error::EngineError;
 use crate::media::Frame;
 use crate::picture::metrics::{Decibels, Picture, SquaredError};
@@ -63,7 +64,7 @@ impl Beside {
         let mut all = Vec::new();
         for film in films {
             let known = (0u64..).zip(&film.shots).filter_map(|(at, shot)| Some((at, (*shot)?)));
-            let wanted = spread(known.collect(), OF_CLIP);
+            let wanted = spread_out(known.collect(), OF_CLIP);
             let (mut number, mut pictures) = (0, Vec::new());
             film.source.for_each(&mut |frame: Frame| {
                 pictures.extend(wanted.iter().any(|(at, _)| *at == number).then_some(frame));
@@ -198,7 +199,7 @@ impl Album {
     pub(super) fn close(self, clip: &str) -> Vec<Exhibit> {
         let exhibits =
             self.frames.into_iter().map(|(frame, picture)| Exhibit { clip: clip.to_owned(), frame, picture });
-        spread(exhibits.collect(), OF_CLIP)
+        spread_out(exhibits.collect(), OF_CLIP)
     }
 }
 
@@ -207,12 +208,11 @@ pub(super) fn choose<T>(mut clips: Vec<Vec<T>>) -> Vec<T> {
     clips.truncate(OF_ALL);
     let count = clips.len().max(1);
     let of_each = |at: usize| OF_ALL / count + usize::from(at < OF_ALL % count);
-    clips.into_iter().enumerate().flat_map(|(at, exhibits)| spread(exhibits, of_each(at))).collect()
+    clips.into_iter().enumerate().flat_map(|(at, exhibits)| spread_out(exhibits, of_each(at))).collect()
 }
 
 /// At most `count` of them, the middles of as many equal parts.
-fn spread<T>(all: Vec<T>, count: usize) -> Vec<T> {
-    let (len, count) = (all.len(), count.min(all.len()));
-    let chosen: Vec<usize> = (0..count).map(|i| (2 * i + 1) * len / (2 * count)).collect();
+fn spread_out<T>(all: Vec<T>, count: usize) -> Vec<T> {
+    let chosen: Vec<usize> = spread(all.len(), count).collect();
     all.into_iter().enumerate().filter(|(at, _)| chosen.contains(at)).map(|(_, exhibit)| exhibit).collect()
 }

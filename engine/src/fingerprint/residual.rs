@@ -5,6 +5,7 @@ use nalgebra::{Matrix4, Vector4};
 use super::lowpass::{Pictures, as_kept};
 use crate::base::numbers::narrow;
 use crate::media::Frame;
+use crate::media::frames::LUMA;
 use crate::scene::gaussians::CHANNELS;
 
 /// Largest difference of a pixel that counts, of 1. Marks are smaller, and codecs make mistakes that are larger: the
@@ -19,9 +20,6 @@ const OTHER_LEVELS: f64 = 0.06;
 const BETWEEN: std::ops::RangeInclusive<u8> = 2..=253;
 /// Largest final transmittance of a pixel that shows enough of the asset.
 const UNCOVERED: f32 = 0.98;
-/// Weights of red, green and blue in the luma of ITU-R BT.601. A mark moves all three alike, and codecs keep what else
-/// there is at half the size or worse.
-const LUMA: [f32; CHANNELS] = [0.299, 0.587, 0.114];
 /// Least share of a picture that has to be background, and that has to be wholly covered, to tell another one.
 const SEEN: f64 = 0.005;
 /// Least final transmittance of a pixel that tells what is behind the asset.
@@ -96,6 +94,7 @@ pub(super) struct Difference {
 pub(super) fn difference(frame: &Frame, clean: &[f32]) -> Difference {
     let counted = counted(frame, clean);
     let mut pictures = vec![[0.0f32; 2]; counted.len()];
+    // A mark moves all three alike, and codecs keep what else there is at half the size or worse.
     for (channel, weight) in LUMA.into_iter().enumerate() {
         let levels = levels(frame, clean, channel);
         let fit = Curve::through(levels.clone().zip(&counted).filter(|(_, counted)| **counted).map(|(level, _)| level));

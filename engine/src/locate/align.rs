@@ -32,6 +32,9 @@ const PROBE_PX: f64 = 0.1;
 /// Contrast that a film of the asset may have: less is not of it, or fitted to nothing.
 const LEAST_GAIN: f64 = 0.3;
 const MOST_GAIN: f64 = 3.0;
+/// Contrast beyond which, and beyond one over which, what is alike counts less: another asset is alike where it is made
+/// faint, and no edit that leaves a film worth watching makes it so.
+const PLAUSIBLE: f64 = 0.5;
 /// Width of pictures whose size follows from the scene's, px.
 const LEAST_PX: f64 = 12.0;
 const MOST_PX: f64 = 256.0;
@@ -128,7 +131,7 @@ impl Compared {
     }
 
     /// How alike the gradients are where the asset is drawn and nothing before it: what else a film shows, a logo or
-    /// what is behind, says nothing of where it was taken. The fewer pixels that are the less.
+    /// what is behind, says nothing of where it was taken. The fewer pixels that are, or the fainter, the less.
     fn likeness(&self, film: &Gray, bound: f64) -> f64 {
         let fits = |r: &f64| f32::from(u8::from(r.abs() <= BEFORE_IT * bound));
         let fits = Gray { values: self.left.residual.iter().map(fits).collect(), ..*film };
@@ -137,7 +140,9 @@ impl Compared {
         let counts: Vec<bool> =
             self.drawn.outlined().iter().zip(fits).map(|(near, fits)| *near && fits > 0.0).collect();
         let counted = counts.iter().filter(|counts| **counts).count() as f64;
-        (counted / LEAST_SEEN).min(1.0) * correlation_where(film, &self.left.shown, |at| counts[at])
+        let [gain, ..] = self.left.exposure.0;
+        let counts_for = (counted / LEAST_SEEN).min(1.0) * (gain.min(1.0 / gain) / PLAUSIBLE).min(1.0);
+        counts_for * correlation_where(film, &self.left.shown, |at| counts[at])
     }
 }
 

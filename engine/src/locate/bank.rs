@@ -1,11 +1,11 @@
 //! A first guess without a prior: small pictures of the asset from all around and at several moments, found in a frame
 //! at whatever size and place they are most like it.
 
-use glam::{DMat3, DVec3, Vec4, Vec4Swizzles};
+use glam::{DMat3, DQuat, DVec3, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 
 use super::gray::Gray;
-use super::pose::Pose;
+use super::pose::{PARAMETERS, Pose, TIME};
 use super::stage::{Canvas, Stage};
 use super::thumbnail::{CHANNELS, Thumbnail};
 use crate::base::numbers::narrow;
@@ -37,6 +37,11 @@ const LEAST_INSIDE: f32 = 0.3;
 const LITTLE: f32 = 1e-3;
 /// How much differences of colour count beside those of brightness, which are larger in most pictures.
 const COLOUR: f32 = 2.0;
+/// Guesses that are looked at more closely; how far views between are turned; and how far sizes are from one that was
+/// found, as logarithms.
+const CLOSER: usize = 4;
+const TURNED_DEG: f64 = 7.0;
+const NEAR_SIZE: f64 = 0.3;
 /// Directions that are nearer than this count as one guess, as the cosine of some 20 degrees.
 const SAME_VIEW: f64 = 0.94;
 
@@ -45,6 +50,16 @@ const SAME_VIEW: f64 = 0.94;
 struct Seen {
     pose: Pose,
     looks: [Look; SIDES_PX.len()],
+}
+
+impl Seen {
+    /// None of a view in which nothing is seen.
+    fn of(stage: &mut Stage, pose: Pose) -> Result<Option<Self>, EngineError> {
+        let pixels = stage.draw_pixels(&pose, Canvas::fine(drawn_size()?))?;
+        let (drawn, clear) = (pixels.thumbnail(), pixels.clear());
+        let looks = SIDES_PX.map(|side| Look::of(&drawn, &clear, side));
+        Ok(looks.iter().all(|look| look.products.size() > f32::EPSILON).then_some(Self { pose, looks }))
+    }
 }
 
 /// How fast a pixel's values change, right and down: those of each channel, and last how clear it is. Vectors are
@@ -162,36 +177,51 @@ pub struct Guess {
     pub likeness: f64,
 }
 
+impl Guess {
+    /// The pose through a lens: what is seen beside the middle of a picture is seen from another side than what is in
+    /// it, the more so the wider the lens.
+    #[must_use]
+    pub fn through(&self, lens: f64) -> Pose {
+        let [across, down] = self.pose.shift.map(|shift| shift / lens.exp());
+        let aside = DQuat::from_rotation_arc(DVec3::Z, DVec3::new(across, down, 1.0).normalize());
+        Pose { turn: (aside * self.pose.turn).normalize(), lens, ..self.pose }
+    }
+}
+
 impl Bank {
     /// Draws the pictures.
     ///
     /// # Errors
     /// When memory runs out or the device fails.
     pub fn new(stage: &mut Stage) -> Result<Self, EngineError> {
-        let size = drawn_size()?;
         let moments = if stage.moves() { MOMENTS } else { 1 };
         let mut seen = Vec::new();
         for moment in 0..moments {
             let time = f64::from(moment) / f64::from(moments.max(2) - 1);
             for direction in directions() {
                 let Some(pose) = pose_from(stage, direction, time) else { continue };
-                let pixels = stage.draw_pixels(&pose, Canvas::fine(size))?;
-                let (drawn, clear) = (pixels.thumbnail(), pixels.drawn().clear);
-                let looks = SIDES_PX.map(|side| Look::of(&drawn, &clear, side));
-                if looks.iter().all(|look| look.products.size() > f32::EPSILON) {
-                    seen.push(Seen { pose, looks });
-                }
+                seen.extend(Seen::of(stage, pose)?);
             }
         }
         Ok(Self { seen })
     }
 
-    /// The `count` best guesses at what a frame shows, best first, no two of them of the same view.
-    #[must_use]
-    pub fn guesses(&self, frame: &Thumbnail, edges: Edges, count: usize) -> Vec<Guess> {
+    /// The `count` best guesses at what a frame shows, of views of the bank that are not the same; the few best are
+    /// looked at more closely. Best first.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub fn guesses(
+        &self,
+        stage: &mut Stage,
+        frame: &Thumbnail,
+        edges: Edges,
+        count: usize,
+    ) -> Result<Vec<Guess>, EngineError> {
         let first = Self::ranked(&pyramid(frame, edges, |_| 0), &self.seen.iter().collect::<Vec<_>>());
         let seen: Vec<&Seen> = first.into_iter().take(LOOKED_AT).map(|found| found.seen).collect();
-        let found = Self::ranked(&pyramid(frame, edges, |size| if size >= LARGE { 2 } else { 1 }), &seen);
+        let levels = pyramid(frame, edges, |size| if size >= LARGE { 2 } else { 1 });
+        let found = Self::ranked(&levels, &seen);
         let mut kept: Vec<Guess> = Vec::new();
         for Found { guess, .. } in found {
             let axis = |guess: &Guess| guess.pose.turn.inverse() * DVec3::Z;
@@ -205,20 +235,64 @@ impl Bank {
                 break;
             }
         }
-        kept
+        let usual = self.seen.first().map_or(0.0, |seen| seen.pose.size);
+        for guess in kept.iter_mut().take(CLOSER) {
+            *guess = Self::closer(stage, &levels, usual, *guess)?;
+        }
+        kept.sort_by(|a, b| b.likeness.total_cmp(&a.likeness));
+        Ok(kept)
+    }
+
+    /// The best of a guess and of those around it: the views between it and the next ones of the bank, turned a little
+    /// either way and at moments between.
+    fn closer(stage: &mut Stage, levels: &[Level], upright: f64, guess: Guess) -> Result<Guess, EngineError> {
+        let about = Pose { shift: [0.0; 2], size: upright, ..guess.pose };
+        let is_near = |level: &&Level| (about.size + level.larger() - guess.pose.size).abs() < NEAR_SIZE;
+        let levels: Vec<&Level> = levels.iter().filter(is_near).collect();
+        let mut seen = Vec::new();
+        for step in steps_around(stage.moves()) {
+            seen.extend(Seen::of(stage, about.moved(&step))?);
+        }
+        let found = seen.par_iter().filter_map(|seen| best(levels.iter().filter_map(|level| level.find(seen))));
+        let found: Vec<Guess> = found.collect();
+        Ok(best(found.into_iter().chain([guess])).unwrap_or(guess))
     }
 
     /// Where each view is most like the frame, the likest first.
     fn ranked<'a>(pictures: &[Level], seen: &[&'a Seen]) -> Vec<Found<'a>> {
-        let best = |seen: &&'a Seen| {
-            let guesses = pictures.iter().filter_map(|picture| picture.find(seen));
-            let guess = guesses.max_by(|a, b| a.likeness.total_cmp(&b.likeness))?;
+        let found_in = |seen: &&'a Seen| {
+            let guess = best(pictures.iter().filter_map(|picture| picture.find(seen)))?;
             Some(Found { seen, guess })
         };
-        let mut found: Vec<Found<'a>> = seen.par_iter().filter_map(best).collect();
+        let mut found: Vec<Found<'a>> = seen.par_iter().filter_map(found_in).collect();
         found.sort_by(|a, b| b.guess.likeness.total_cmp(&a.guess.likeness));
         found
     }
+}
+
+/// The likest of guesses.
+fn best(guesses: impl Iterator<Item = Guess>) -> Option<Guess> {
+    guesses.max_by(|a, b| a.likeness.total_cmp(&b.likeness))
+}
+
+/// From a view to those between it and the next: turns of half as much as they are apart about each axis, and a third
+/// of the way to other moments.
+fn steps_around(moves: bool) -> Vec<[f64; PARAMETERS]> {
+    let turn = TURNED_DEG.to_radians();
+    let mut ways = vec![(0, turn), (1, turn), (2, turn)];
+    if moves {
+        ways.push((TIME, 1.0 / f64::from(3 * (MOMENTS - 1))));
+    }
+    ways.into_iter().fold(vec![[0.0; PARAMETERS]], |steps, (parameter, by)| {
+        let beside = |step: [f64; PARAMETERS]| {
+            [-by, 0.0, by].map(|by| {
+                let mut step = step;
+                step[parameter] = by;
+                step
+            })
+        };
+        steps.into_iter().flat_map(beside).collect()
+    })
 }
 
 /// A view and where it is in a frame.
@@ -306,6 +380,11 @@ fn squared(pixel: &Gradient) -> f32 {
 }
 
 impl Level {
+    /// How much larger the asset is in the frame than in a small picture of it, as a logarithm.
+    fn larger(&self) -> f64 {
+        (SIDES_PX[self.look] as f64 / self.width as f64).ln()
+    }
+
     /// Where a small picture is most like the frame, of all places where its middle is in the frame.
     fn find(&self, seen: &Seen) -> Option<Guess> {
         let look = &seen.looks[self.look];
@@ -335,7 +414,7 @@ impl Level {
         let ([across, down], likeness) = best?;
         let of_width = |at: i64, side: i64| (at as f64 - side as f64 / 2.0) / width as f64;
         // The lens stays the usual one: what differs is how large the asset appears.
-        let size = seen.pose.size + (look.side as f64 / width as f64).ln();
+        let size = seen.pose.size + self.larger();
         let shift = [of_width(across, width), of_width(down, height)];
         Some(Guess { pose: Pose { shift, size, ..seen.pose }, likeness })
     }

@@ -14,6 +14,7 @@ use super::so_far::{Begun, Exactly, First, SoFar};
 use super::stage::{Making, Stage};
 use crate::base::digest::Digest;
 use crate::base::observer::{Observer, Progress};
+use crate::base::spread::spread;
 use crate::error::EngineError;
 use crate::render::profile::Viewer;
 use crate::scene::Model;
@@ -233,10 +234,11 @@ impl Locator {
     /// Looks for the asset in a few frames until it is found in one; where it is most like it.
     fn first(&mut self, frames: &[Picture], work: &mut Work<'_>) -> Result<Option<Begun>, EngineError> {
         let mut best: Option<Begun> = None;
+        // Twice in the same frame where there are few: by edges of either kind.
         let tries = TRIES.min(2 * frames.len());
-        for number in 0..tries {
+        for (number, place) in spread(2 * frames.len(), tries).enumerate() {
             work.look("looking for the asset")?;
-            let frame = (2 * number + 1) * frames.len() / (2 * tries);
+            let frame = place / 2;
             if frames[frame].gray.is_plain() {
                 continue;
             }
@@ -305,11 +307,9 @@ impl Locator {
     ) -> Result<(), EngineError> {
         let stage = &mut self.stage;
         let usual = median(fits.iter().map(|fit| fit.pose.lens));
-        let telling = TELLING.min(frames.len());
         let mut lenses = Vec::new();
-        for number in 0..telling {
+        for at in spread(frames.len(), TELLING) {
             work.look("the lens")?;
-            let at = (2 * number + 1) * frames.len() / (2 * telling);
             let fit = align(stage, &frames[at].gray, &with_lens(fits[at].pose, usual), TELL)?;
             let fit = if fit.tied > TIED { align(stage, &frames[at].gray, &fit.pose, TELL_EXACTLY)? } else { fit };
             lenses.push(Weighed { value: fit.pose.lens, weight: fit.lens_weight });
@@ -378,8 +378,7 @@ impl Locator {
 /// Has the asset drawn as a film was whose frames these are: by its renderer, and at its size or at twice that and then
 /// made smaller, whichever fits clearly better than those before. Then the same once more, from where frames fit it.
 fn draw_as(stage: &mut Stage, model: &Model, frames: &[Picture], fits: &[Fit]) -> Result<(), EngineError> {
-    let spread = MADE_OF.min(frames.len());
-    let mut shown: Vec<usize> = (0..spread).map(|number| (2 * number + 1) * frames.len() / (2 * spread)).collect();
+    let mut shown: Vec<usize> = spread(frames.len(), MADE_OF).collect();
     shown.sort_by(|a, b| fits[*a].cost.total_cmp(&fits[*b].cost));
     shown.truncate(MADE);
     let mut poses: Vec<Pose> = shown.iter().map(|at| fits[*at].pose).collect();

@@ -123,18 +123,18 @@ impl Locator {
         let mut keep = |so_far: &SoFar| kept.map_or(Ok(()), |kept| so_far.write(kept.path, identity));
         let track = self.locate_from(so_far, model, &reading.pictures, observer, &mut keep)?;
         let cameras = track.cameras(&reading, self.stage().middle())?;
-        let mut report = report(&track, &reading);
+        let mut gap = None;
         if track.is_found() {
             self.stage.set_rough(false);
             self.stage.draw_as(model, track.making)?;
             observer.observe(Progress { stage: "the other way round", done: 0, total: None })?;
-            report.gap_px = gap_px(&mut self.stage, &reading.pictures, &track)?;
+            gap = gap_px(&mut self.stage, &reading.pictures, &track)?;
         }
-        Ok(Finding { report, cameras })
+        Ok(Finding { report: report(&track, &reading, gap), cameras })
     }
 }
 
-fn report(track: &Track, reading: &Reading) -> LocateReport {
+fn report(track: &Track, reading: &Reading, gap_px: Option<f64>) -> LocateReport {
     let known: Vec<_> = track.frames.iter().flatten().collect();
     let of = |number: &dyn Fn(usize) -> f64| (!known.is_empty()).then(|| median((0..known.len()).map(number)));
     let whole = Rect { x: 0, y: 0, width: reading.size.width(), height: reading.size.height() };
@@ -155,7 +155,7 @@ fn report(track: &Track, reading: &Reading) -> LocateReport {
         picture: Some(reading.picture).filter(|picture| *picture != whole),
         likeness: of(&|at| known[at].correlation).or(track.guess.map(|guess| guess.correlation)),
         apart_px: (!apart.is_empty()).then(|| median(apart.iter().copied())),
-        gap_px: None,
+        gap_px,
         fov_deg: of(&|at| (2.0 * (0.5 / known[at].pose.lens.exp()).atan()).to_degrees()),
         times: known.first().zip(known.last()).map(|(first, last)| [first.pose.time, last.pose.time]),
         making: track.is_found().then_some(track.making),

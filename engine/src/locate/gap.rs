@@ -6,6 +6,7 @@ use super::picture::Picture;
 use super::pose::Pose;
 use super::search::with_lens;
 use super::stage::Stage;
+use crate::base::spread::spread;
 use crate::error::EngineError;
 
 /// Frames that are looked for again.
@@ -22,22 +23,26 @@ const AGAIN: usize = 5;
 pub fn gap_px(stage: &mut Stage, frames: &[Picture], track: &Track) -> Result<Option<f64>, EngineError> {
     let Some(shot) = track.shots.iter().max_by_key(|shot| shot.len()) else { return Ok(None) };
     let pose = |at: usize| -> Option<Pose> { Some(track.frames.get(at)?.as_ref()?.pose) };
-    // A frame, and where those behind it lead.
     let from_behind = |at: usize| {
         let [here, next, then] = [at, at + 1, at + 2].map(pose);
         let (next, then) = (next?, then?);
-        Some((here?, next.moved(&next.since(&then))))
+        Some(Led { at, here: here?, led: next.moved(&next.since(&then)) })
     };
-    let known: Vec<usize> =
-        shot.clone().take(shot.len().saturating_sub(2)).filter(|at| from_behind(*at).is_some()).collect();
-    let count = AGAIN.min(known.len());
+    let within = shot.clone().take(shot.len().saturating_sub(2));
+    let known: Vec<Led> = within.filter_map(from_behind).collect();
     let mut gaps = Vec::new();
-    for number in 0..count {
-        let at = known[(2 * number + 1) * known.len() / (2 * count)];
-        let Some((here, led)) = from_behind(at) else { continue };
+    for Led { at, here, led } in spread(known.len(), AGAIN).map(|number| known[number]) {
         let frame = if track.is_mirrored { &frames[at].mirrored() } else { &frames[at] };
         let again = align(stage, &frame.gray, &with_lens(led, here.lens), LAST)?;
         gaps.push(apart_px(&again.pose, &here, frame.gray.width as f64));
     }
     Ok((!gaps.is_empty()).then(|| median(gaps.into_iter())))
+}
+
+/// A frame, where it was found, and where those behind it lead.
+#[derive(Clone, Copy)]
+struct Led {
+    at: usize,
+    here: Pose,
+    led: Pose,
 }

@@ -1,10 +1,8 @@
 //! Pictures in one channel, as they are compared.
 
 use crate::media::Frame;
+use crate::media::frames::LUMA;
 use crate::media::framing::Rect;
-
-/// Luma of ITU-R BT.601.
-const LUMA: [f32; 3] = [0.299, 0.587, 0.114];
 
 /// Range of values that codecs make of one colour.
 const PLAIN: f32 = 4.0 / 255.0;

@@ -1,5 +1,6 @@
 //! What is looked at of a film: so many of its frames, not too large, without bars.
 
+use std::iter;
 use std::num::NonZeroU32;
 use std::path::Path;
 
@@ -76,7 +77,9 @@ impl Reading {
     /// Hash of the pictures.
     #[must_use]
     pub fn digest(&self) -> Digest {
-        let values = self.pictures.iter().flat_map(|picture| &picture.gray.values);
+        let channels =
+            self.pictures.iter().flat_map(|Picture { gray, thumbnail }| iter::once(gray).chain(&thumbnail.channels));
+        let values = channels.flat_map(|channel| &channel.values);
         Digest::of(&values.flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>())
     }
 }

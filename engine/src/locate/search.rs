@@ -9,7 +9,7 @@ use super::stage::Stage;
 use crate::error::EngineError;
 
 /// Guesses that are looked at.
-const GUESSES: usize = 16;
+const GUESSES: usize = 12;
 /// Those that are worth a closer look, and a second one.
 const CLOSER: [usize; 2] = [5, 2];
 /// Moments of each that are looked at closer.
@@ -26,8 +26,9 @@ pub(super) const TIED: f64 = 4.0;
 
 /// Of pictures that moments are looked for in.
 pub(super) const SCANNED: Detail = Detail::Radius(24.0);
-/// Steps from coarse to fine. At first a turn by ten degrees, which is as far as views of the bank are apart, is two or
-/// three pixels.
+/// Steps from coarse to fine. At first a turn by ten degrees, which is as far as views of the bank are apart, is one or
+/// two pixels.
+const BLURRED: Plan = Plan { detail: Detail::Radius(10.0), steps: 6, lens: false, time: true, way: Way::Small };
 const COARSE: Plan = Plan { detail: Detail::Radius(16.0), steps: 8, lens: true, time: true, way: Way::Small };
 const MIDDLE: Plan = Plan { detail: Detail::Radius(32.0), steps: 10, lens: true, time: true, way: Way::Small };
 const SWEEP: Plan = Plan { detail: Detail::Radius(48.0), steps: 4, lens: false, time: false, way: Way::Small };
@@ -41,14 +42,16 @@ const EXACT: Plan = Plan { detail: Detail::Radius(90.0), steps: 10, lens: true, 
 /// When memory runs out or the device fails.
 pub fn anywhere(stage: &mut Stage, bank: &Bank, picture: &Picture, edges: Edges) -> Result<Option<Fit>, EngineError> {
     let frame = &picture.gray;
+    let longer = frame.width.max(frame.height) as f64 / frame.width as f64;
+    let lens = (longer / (2.0 * (LENS_DEG.to_radians() / 2.0).tan())).ln();
     let mut fits = Vec::new();
-    for guess in bank.guesses(&picture.thumbnail, edges, GUESSES) {
-        let longer = frame.width.max(frame.height) as f64 / frame.width as f64;
-        let lens = (longer / (2.0 * (LENS_DEG.to_radians() / 2.0).tan())).ln();
-        fits.push(align(stage, frame, &with_lens(guess.pose, lens), COARSE)?);
+    for guess in bank.guesses(stage, &picture.thumbnail, edges, GUESSES)? {
+        let blurred = align(stage, frame, &guess.through(lens), BLURRED)?;
+        fits.push(align(stage, frame, &blurred.pose, COARSE)?);
     }
     for (count, plan) in CLOSER.into_iter().zip([MIDDLE, FINE]) {
-        fits.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        // What differs is less in pictures of fewer pixels, which are those of larger assets.
+        fits.sort_by(|a, b| b.correlation.total_cmp(&a.correlation));
         fits.truncate(count);
         let mut closer = Vec::new();
         for fit in &fits {
@@ -58,7 +61,7 @@ pub fn anywhere(stage: &mut Stage, bank: &Bank, picture: &Picture, edges: Edges)
         }
         fits = closer;
     }
-    match fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)) {
+    match fits.into_iter().max_by(|a, b| a.correlation.total_cmp(&b.correlation)) {
         Some(best) if stage.moves() => Ok(Some(at_any_moment(stage, frame, best)?)),
         best => Ok(best),
     }

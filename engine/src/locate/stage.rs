@@ -3,10 +3,12 @@
 use std::sync::Arc;
 
 use glam::DVec3;
+use guard4d_kernels::splat::rules::{Opacity, Rules};
 use guard4d_kernels::{Buffer, Device};
 use serde::{Deserialize, Serialize};
 
 use super::gray::Gray;
+use super::merged::merged;
 use super::pose::{Middle, Pose};
 use super::thumbnail::Thumbnail;
 use crate::base::numbers::narrow;
@@ -16,11 +18,16 @@ use crate::render::profile::Viewer;
 use crate::render::{FrameMut, FramePlan, OffsetBases, Offsets, Prune, Renderer};
 use crate::scene::camera::paths::USUAL_FOV_X_RAD;
 use crate::scene::gaussians::{SH_FLOATS, Y0};
-use crate::scene::{FrameSize, LookAt, Model};
+use crate::scene::{FrameSize, LookAt, Model, Motion};
 
-/// Small pictures are drawn so many times as large along a side, and made smaller: a splat is drawn no narrower than a
-/// pixel, which is little of a film's picture and much of a small one.
+/// Small pictures are drawn so many times as large along a side, and made smaller.
 const FINER: u32 = 2;
+/// How small pictures are drawn: splats are widened by what a pixel spreads them (a square's variance), and are as much
+/// less opaque. A film's pixel is little to them; in small pictures those that grow as opaque as they are hide
+/// everything.
+const SMALL: Rules = Rules { dilation: 1.0 / 12.0, opacity: Opacity::Compensated, ..Rules::REFERENCE };
+/// Largest radius of the scene, px of a small picture, at which splats are as one within a pixel.
+const MERGED_PX: f64 = 32.0;
 
 /// Moments from one end to the other that are kept, and the one at the other end.
 pub const MOMENTS: u32 = 64;
@@ -75,7 +82,12 @@ pub struct Stage {
     device: Device,
     /// Moments on a grid, all of which are kept.
     rough_field: DeformField,
+    /// The same of fewer splats, for the smallest pictures. A scene that moves has none: to merge it at every moment
+    /// takes longer than its pictures.
+    merged_field: Option<DeformField>,
     /// What small pictures are drawn by.
+    small: Renderer,
+    /// The asset as it is.
     own: Scenery,
     /// Whose renderer drew the film, where that is another.
     others: Option<Scenery>,
@@ -99,10 +111,20 @@ impl Stage {
     pub fn new(device: &Device, model: &Model) -> Result<Self, EngineError> {
         let rough_field = DeformField::new(device, &model.gaussians, &model.motion)?;
         let look_at = LookAt::of(model, USUAL_FOV_X_RAD);
-        let places = Places::about(middle(look_at));
+        let middle = middle(look_at);
+        let places = Places::about(middle);
+        let merged_field = match model.motion.is_still() {
+            true => {
+                let fewer = merged(&model.gaussians, middle.radius / MERGED_PX);
+                Some(DeformField::new(device, &fewer, &Motion::Still)?)
+            }
+            false => None,
+        };
         Ok(Self {
             device: device.clone(),
             rough_field: rough_field.with_cached_times(MOMENTS as usize + 1),
+            merged_field,
+            small: Renderer::new(device)?.with_rules(SMALL),
             own: Scenery::new(device, model, Viewer::Reference)?,
             others: None,
             making: Making::default(),
@@ -178,20 +200,30 @@ impl Stage {
         self.making
     }
 
-    /// What draws on this canvas.
-    fn scenery(&mut self, canvas: Canvas) -> &mut Scenery {
-        match &mut self.others {
-            Some(others) if canvas.drawn.is_some() && others.viewer == self.making.viewer => others,
-            _ => &mut self.own,
+    /// What a picture shows, and by what it is drawn.
+    fn shown(&self, pose: &Pose, canvas: Canvas) -> Shown {
+        match canvas.drawn {
+            Some(_) => Shown::AsFilm(self.making.viewer),
+            None if pose.size.exp() * f64::from(canvas.size.width()) <= MERGED_PX => Shown::Smallest,
+            None => Shown::Small,
         }
     }
 
-    /// The asset at a moment, as it is on this canvas.
-    fn on_canvas(&mut self, time: f64, canvas: Canvas) -> Result<Arc<SplatState>, EngineError> {
-        let scenery = self.scenery(canvas);
-        match scenery.viewer {
-            Viewer::Reference => self.at(time),
-            _ => scenery.field.at(narrow(time)),
+    /// What draws it.
+    fn renderer(&mut self, shown: Shown) -> &mut Renderer {
+        match (shown, &mut self.others) {
+            (Shown::AsFilm(viewer), Some(others)) if others.viewer == viewer => &mut others.renderer,
+            (Shown::AsFilm(_), _) => &mut self.own.renderer,
+            (Shown::Small | Shown::Smallest, _) => &mut self.small,
+        }
+    }
+
+    /// The asset at a moment, as that draws it.
+    fn splats(&mut self, time: f64, shown: Shown) -> Result<Arc<SplatState>, EngineError> {
+        match (shown, &mut self.others, &mut self.merged_field) {
+            (Shown::AsFilm(viewer), Some(others), _) if others.viewer == viewer => others.field.at(narrow(time)),
+            (Shown::Smallest, _, Some(merged)) => merged.at(narrow(time)),
+            _ => self.at(time),
         }
     }
 
@@ -217,7 +249,7 @@ impl Stage {
         let mut rec = self.device.recorder()?;
         let mut pixels = self.device.buffer("locate.frame", plan.frame_len())?;
         let (background, frame) = (self.background, FrameMut { clip: &mut pixels, index: 0 });
-        self.scenery(canvas).renderer.forward_linear(&mut rec, &plan, None, background, frame)?;
+        self.renderer(self.shown(pose, canvas)).forward_linear(&mut rec, &plan, None, background, frame)?;
         rec.submit()?;
         Ok(Pixels { values: pixels.read()?, drawn: self.drawn_at(canvas)?, size: canvas.size })
     }
@@ -229,7 +261,8 @@ impl Stage {
     pub fn points(&mut self, pose: &Pose, canvas: Canvas) -> Result<Vec<Option<DVec3>>, EngineError> {
         let (drawn_at, size) = (self.drawn_at(canvas)?, canvas.size);
         let plan = self.plan(pose, canvas)?;
-        let state = self.on_canvas(pose.time, canvas)?;
+        let shown = self.shown(pose, canvas);
+        let state = self.splats(pose.time, shown)?;
         let as_places = match self.as_places.take() {
             Some(known) if Arc::ptr_eq(&known.0, &state) => known,
             _ => {
@@ -241,7 +274,7 @@ impl Stage {
         let mut places = self.device.buffer("locate.places", plan.frame_len())?;
         let offsets = Some(Offsets { data: &as_places.1, bases: OffsetBases::All });
         let frame = FrameMut { clip: &mut places, index: 0 };
-        self.scenery(canvas).renderer.forward_linear(&mut rec, &plan, offsets, [0.0; 3], frame)?;
+        self.renderer(shown).forward_linear(&mut rec, &plan, offsets, [0.0; 3], frame)?;
         rec.submit()?;
         self.as_places = Some(as_places);
         // Sums where several drawn pixels are one of the picture, which are as many for all but at the borders.
@@ -264,18 +297,14 @@ impl Stage {
     }
 
     fn plan(&mut self, pose: &Pose, canvas: Canvas) -> Result<Arc<FramePlan>, EngineError> {
-        let made_for = MadeFor {
-            pose: *pose,
-            size: self.drawn_at(canvas)?,
-            rough: self.rough,
-            viewer: self.scenery(canvas).viewer,
-        };
+        let made_for =
+            MadeFor { pose: *pose, size: self.drawn_at(canvas)?, rough: self.rough, shown: self.shown(pose, canvas) };
         if let Some((_, plan)) = self.planned.as_ref().filter(|(known, _)| *known == made_for) {
             return Ok(Arc::clone(plan));
         }
-        let state = self.on_canvas(pose.time, canvas)?;
+        let state = self.splats(pose.time, made_for.shown)?;
         let camera = pose.camera(self.middle(), made_for.size);
-        let plan = Arc::new(self.scenery(canvas).renderer.plan(&state, &camera, Prune::Keep)?);
+        let plan = Arc::new(self.renderer(made_for.shown).plan(&state, &camera, Prune::Keep)?);
         self.planned = Some((made_for, Arc::clone(&plan)));
         Ok(plan)
     }
@@ -287,7 +316,18 @@ struct MadeFor {
     pose: Pose,
     size: FrameSize,
     rough: bool,
-    viewer: Viewer,
+    shown: Shown,
+}
+
+/// What of the asset is in a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Shown {
+    /// What a film would show, by this renderer.
+    AsFilm(Viewer),
+    /// The splats, in small.
+    Small,
+    /// So small that splats are merged.
+    Smallest,
 }
 
 fn middle(look_at: LookAt) -> Middle {
@@ -323,7 +363,19 @@ impl Pixels {
     /// What is compared.
     #[must_use]
     pub fn drawn(&self) -> Drawn {
-        Drawn::of(&self.values, self.drawn, self.size)
+        let picture = Gray::of_pixels(self.drawn.width() as usize, self.drawn.height() as usize, &self.values);
+        Drawn { picture: self.as_wanted(&picture), clear: self.clear() }
+    }
+
+    /// How much of the background is seen, 0 to 1.
+    #[must_use]
+    pub fn clear(&self) -> Gray {
+        let values = self.values.chunks_exact(4).map(|rgba| rgba[3]).collect();
+        self.as_wanted(&Gray { width: self.drawn.width() as usize, height: self.drawn.height() as usize, values })
+    }
+
+    fn as_wanted(&self, picture: &Gray) -> Gray {
+        picture.resized(self.size.width() as usize, self.size.height() as usize)
     }
 
     /// The same in colour.
@@ -344,14 +396,6 @@ pub struct Drawn {
 }
 
 impl Drawn {
-    fn of(pixels: &[f32], drawn: FrameSize, size: FrameSize) -> Self {
-        let [across, down] = [drawn.width() as usize, drawn.height() as usize];
-        let clear = Gray { width: across, height: down, values: pixels.chunks_exact(4).map(|rgba| rgba[3]).collect() };
-        let [picture, clear] = [Gray::of_pixels(across, down, pixels), clear]
-            .map(|picture| picture.resized(size.width() as usize, size.height() as usize));
-        Self { picture, clear }
-    }
-
     /// Which pixels are of the asset and of its outline.
     #[must_use]
     pub fn outlined(&self) -> Vec<bool> {

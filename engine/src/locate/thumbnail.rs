@@ -2,12 +2,13 @@
 
 use super::gray::Gray;
 use crate::media::Frame;
+use crate::media::frames::LUMA;
 use crate::media::framing::Rect;
 
 /// Channels: luma, and how much bluer and redder than it a pixel is.
 pub const CHANNELS: usize = 3;
-/// Luma of ITU-R BT.601, blue less that, and red less that.
-const WAYS: [[f32; 3]; CHANNELS] = [[0.299, 0.587, 0.114], [-0.299, -0.587, 0.886], [0.701, -0.587, -0.114]];
+/// Luma, blue less that, and red less that.
+const WAYS: [[f32; 3]; CHANNELS] = [LUMA, [-LUMA[0], -LUMA[1], 1.0 - LUMA[2]], [1.0 - LUMA[0], -LUMA[1], -LUMA[2]]];
 /// The longer side of a film's, px: more than the largest picture that is looked at has.
 const LONGEST_PX: u32 = 192;
 

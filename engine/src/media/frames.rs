@@ -2,10 +2,15 @@
 
 use std::num::NonZeroU32;
 
+use guard4d_kernels::image::chroma420::JFIF;
+
 use crate::error::EngineError;
 
 /// Largest frame side accepted; a corrupt header may claim anything.
 pub(super) const MAX_SIDE_PX: u32 = 16_384;
+
+/// Weights of red, green and blue in the luma of ITU-R BT.601, which codecs keep at full size.
+pub const LUMA: [f32; 3] = JFIF[0];
 
 /// An 8-bit RGB picture, rows from top to bottom.
 #[derive(Clone, Debug, PartialEq, Eq)]

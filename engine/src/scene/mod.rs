@@ -6,6 +6,7 @@ pub mod cfg_args;
 mod content;
 pub mod deformation;
 pub mod demo;
+pub mod ellipsoid;
 mod folder;
 pub mod formats;
 pub mod gaussians;

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use guard4d_kernels::splat::project::RawSplats;
 use guard4d_kernels::{Buffer, Device};
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
-use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::scene::Gaussians;
+use crate::scene::ellipsoid::of_covariance;
 
 /// Splats before activation, as the projection reads them.
 ///
@@ -128,12 +128,5 @@ fn of_unit_quaternion(scales: [f32; 3], [w, x, y, z]: [f32; 4]) -> ([f32; 3], [f
         1.0 - 2.0 * (x * x + y * y),
     );
     let half = matrix * Matrix3::from_diagonal(&Vector3::from(scales.map(|s| f64::from(s).exp())));
-    let eigen = (half * half.transpose()).symmetric_eigen();
-    let mut axes = eigen.eigenvectors;
-    if axes.determinant() < 0.0 {
-        axes.column_mut(0).neg_mut();
-    }
-    let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
-    let deviations = eigen.eigenvalues.map(|variance| narrow(0.5 * variance.max(f64::MIN_POSITIVE).ln()));
-    (deviations.into(), [turn.w, turn.i, turn.j, turn.k].map(narrow))
+    of_covariance(half * half.transpose())
 }
