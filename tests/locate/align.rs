@@ -71,4 +71,15 @@ fn a_pose_that_is_off_comes_to_where_the_film_was_taken() {
     }
     assert!(apart[PARAMETERS - 1].abs() < 0.01, "{apart:?}");
     assert!(begun.since(&truth)[0].abs() > 10.0 * apart[0].abs(), "it was far off before");
+
+    // A film of another asset is alike where the original is made faint: under half of its contrast it counts less.
+    let mut likeness_at = |contrast: f32| {
+        let values = frame.values.iter().map(|value| 0.5 + contrast * (value - 0.5)).collect();
+        let faint = Gray { values, ..frame };
+        align(&mut stage, &faint, &truth, Plan { steps: 0, ..PLANS[2] }).expect("compares").correlation
+    };
+    let [whole, faint, fainter] = [1.0, 0.7, 0.35].map(&mut likeness_at);
+    // Which pixels fit differs a little.
+    assert!((faint - whole).abs() < 0.02, "{faint} of {whole}");
+    assert!((fainter - 0.7 * whole).abs() < 0.02, "{fainter} of {whole}");
 }

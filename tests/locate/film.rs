@@ -125,6 +125,11 @@ fn another_renderer_is_told_and_frames_are_fitted_by_it() {
         // As the film was drawn, all but what the lens leaves open; by the reference it is ten times as much.
         assert!(apart < 0.1, "{}: {apart} px", viewer.name());
     }
+    // A film that comes after begins as if it were the first.
+    let film = [looked_at(&frame(&gpu, &model, view(&locator, 1), false))];
+    let after = locator.locate(&model, &film, &mut Unobserved).expect("it looks");
+    let alone = Locator::new(&gpu, &model).expect("it fits").locate(&model, &film, &mut Unobserved).expect("it looks");
+    assert_eq!(after, alone);
 }
 
 #[test]
@@ -135,8 +140,9 @@ fn a_logo_and_what_is_behind_the_asset_do_not_hide_it() {
     let middle = locator.stage().middle();
     let camera = view(&locator, 3);
     let truth = Pose::of_camera(&camera, 0.0, middle).expect("the middle is in front");
-    let films = [with_logo(&frame(&gpu, &model, camera, false)), frame(&gpu, &model, camera, true)];
-    for (film, name) in films.iter().zip(["a logo", "a pattern"]) {
+    let [plain, patterned] = [false, true].map(|is_patterned| frame(&gpu, &model, camera, is_patterned));
+    let films = [with_logo(&plain), with_logo(&patterned), patterned];
+    for (film, name) in films.iter().zip(["a logo", "a logo before a pattern", "a pattern"]) {
         let track = locator.locate(&model, &[looked_at(film)], &mut Unobserved).expect("it looks");
         let fit = track.frames[0].unwrap_or_else(|| panic!("{name} hides it: {:?}", track.guess));
         // A single frame tells its lens less well than what it shows.

@@ -19,8 +19,11 @@ use crate::error::EngineError;
 use crate::render::profile::Viewer;
 use crate::scene::Model;
 
-/// Likeness from which on a frame is found.
+/// Likeness from which on what a search comes to is followed through its shot.
 const FOUND: f64 = 0.6;
+/// Likeness at which a shot is found: its frames', at the median, drawn as it was made. Films of the asset have 0.77
+/// and more, screens and patterns behind it included.
+const KNOWN: f64 = 0.7;
 /// Likeness that needs no second look.
 const GOOD: f64 = 0.85;
 /// Likeness of a frame, of its shot's, under which it is left out.
@@ -227,7 +230,7 @@ impl Locator {
         draw_as(&mut self.stage, model, frames, &fits)?;
         self.settle(frames, &mut fits, begun.frame, work)?;
         let usual = median(fits.iter().map(|fit| fit.correlation));
-        let is_sure = |fit: &Fit| usual >= FOUND && fit.correlation >= LEFT_OUT * usual;
+        let is_sure = |fit: &Fit| usual >= KNOWN && fit.correlation >= LEFT_OUT * usual;
         Ok(fits.into_iter().map(|fit| is_sure(&fit).then_some(fit)).collect())
     }
 

@@ -9,7 +9,7 @@ use super::stage::Stage;
 use crate::error::EngineError;
 
 /// Guesses that are looked at.
-const GUESSES: usize = 12;
+const GUESSES: usize = 8;
 /// Those that are worth a closer look, and a second one.
 const CLOSER: [usize; 2] = [5, 2];
 /// Moments of each that are looked at closer.
