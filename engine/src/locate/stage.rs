@@ -26,8 +26,10 @@ const FINER: u32 = 2;
 /// less opaque. A film's pixel is little to them; in small pictures those that grow as opaque as they are hide
 /// everything.
 const SMALL: Rules = Rules { dilation: 1.0 / 12.0, opacity: Opacity::Compensated, ..Rules::REFERENCE };
-/// Largest radius of the scene, px of a small picture, at which splats are as one within a pixel.
+/// Radius of the scene, px of a small picture, at which splats that share a pixel are one; and up to which they are:
+/// the size changes a little while a pose is aligned, and all its pictures are to be of the same splats.
 const MERGED_PX: f64 = 32.0;
+const MERGED_UP_TO_PX: f64 = 36.0;
 
 /// Moments from one end to the other that are kept, and the one at the other end.
 pub const MOMENTS: u32 = 64;
@@ -204,7 +206,7 @@ impl Stage {
     fn shown(&self, pose: &Pose, canvas: Canvas) -> Shown {
         match canvas.drawn {
             Some(_) => Shown::AsFilm(self.making.viewer),
-            None if pose.size.exp() * f64::from(canvas.size.width()) <= MERGED_PX => Shown::Smallest,
+            None if pose.size.exp() * f64::from(canvas.size.width()) <= MERGED_UP_TO_PX => Shown::Smallest,
             None => Shown::Small,
         }
     }
