@@ -96,7 +96,7 @@ impl Detail {
 pub struct Fit {
     /// The pose.
     pub pose: Pose,
-    /// Robust mean square of what differs, over its variance where nothing is alike.
+    /// Robust mean square of what differs. It is less in pictures of fewer pixels: only poses at one size compare.
     pub cost: f64,
     /// How alike the gradients are where the asset is drawn, −1 to 1.
     pub correlation: f64,
