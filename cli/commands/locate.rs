@@ -14,10 +14,12 @@ use guard4d_engine::error::EngineError;
 use guard4d_engine::locate::finding::{DEFAULT_FRAMES, Finding, LocateReport, Locating, Wanted};
 use guard4d_engine::locate::so_far::Kept;
 use guard4d_engine::locate::stage::Making;
+use guard4d_engine::locate::views::Vantage;
 use guard4d_engine::media::FrameSource;
 use guard4d_engine::media::png::png_bytes;
 
 use crate::flags::common::Common;
+use crate::flags::near::NearArgs;
 use crate::flags::overwrite::Overwrite;
 use crate::shared::farm_job::{FarmJob, keep_in_records, resumed};
 use crate::shared::media::read_options;
@@ -44,6 +46,8 @@ pub(crate) struct LocateArgs {
     /// Look at this many frames at most, evenly spread over the film
     #[arg(long, value_name = "N", default_value_t = NonZeroU32::new(DEFAULT_FRAMES).expect("more than none"))]
     max_frames: NonZeroU32,
+    #[command(flatten)]
+    near: NearArgs,
     /// Go on from the checkpoint of an interrupted run with the same film and model; it is left beside OUT
     #[arg(long)]
     resume: bool,
@@ -75,19 +79,21 @@ pub(crate) fn run(args: &LocateArgs, common: &Common) -> Result<Outcome, EngineE
         // What cannot be read is told before anything is drawn.
         TensorFile::read(&checkpoint)?;
     }
+    // What is no film is told before the original is drawn, too.
+    let options = read_options();
+    let source = FrameSource::open(&args.film, &options)?;
     let original = model::open_in_kind(&args.original, common)?;
+    let near = locator::near(&args.near)?;
     let device = device::open(common)?;
-    let shared = locator::of(&device, &original, common)?;
+    let shared = locator::of(&device, &original, Vantage::of(&near), common)?;
     let mut locator = shared.lock().unwrap_or_else(PoisonError::into_inner);
     let mut progress = ObserverBar::new(common);
     let kept = Some(Kept { path: &checkpoint, goes_on: args.resume });
-    let options = read_options();
     let wanted = Wanted { model: &original, path: &args.film, options: &options, most: args.max_frames };
     let Finding { cameras, report } = locator.film(wanted, kept, &mut progress)?;
     drop(progress);
     if let Some(cameras) = cameras {
         if let Some(sheet) = sheet {
-            let source = FrameSource::open(&args.film, &read_options())?;
             // What is a guess is shown, too.
             let shots = cameras.clips().concat().into_iter().map(Some).collect();
             let known = KnownFilm { path: &args.film, source: &source, shots };

@@ -14,6 +14,7 @@ use guard4d_engine::device::Device;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::locate::finding::{DEFAULT_FRAMES, Wanted};
+use guard4d_engine::locate::views::Vantage;
 use guard4d_engine::media::FrameSource;
 use guard4d_engine::release::issue_root::root_of;
 use guard4d_engine::release::ledger::Ledger;
@@ -21,6 +22,7 @@ use guard4d_engine::scene::recognise::is_model;
 use guard4d_engine::scene::{CameraSet, FrameSize};
 
 use crate::flags::common::Common;
+use crate::flags::near::NearArgs;
 use crate::flags::overwrite::Overwrite;
 use crate::shared::farm_job::FarmJob;
 use crate::shared::media::read_options;
@@ -54,6 +56,8 @@ pub(crate) struct TraceArgs {
     /// Where no cameras are given: look at this many frames of each film at most, evenly spread
     #[arg(long, value_name = "N", default_value_t = NonZeroU32::new(DEFAULT_FRAMES).expect("more than none"))]
     max_frames: NonZeroU32,
+    #[command(flatten)]
+    near: NearArgs,
     /// Largest probability that anybody is named by chance
     #[arg(long, value_name = "P", default_value_t = DEFAULT_FPR)]
     fpr: f64,
@@ -159,7 +163,8 @@ fn read_films(paths: &[PathBuf], args: &TraceArgs, tracer: &Tracer<'_>, common: 
     let pairs = || paths.iter().zip(&sources);
     let (mut films, mut located) = (Vec::new(), Vec::new());
     if args.cameras.is_empty() {
-        let shared = locator::of(device, issue.model(), common)?;
+        let near = locator::near(&args.near)?;
+        let shared = locator::of(device, issue.model(), Vantage::of(&near), common)?;
         let mut locator = shared.lock().unwrap_or_else(PoisonError::into_inner);
         for (path, source) in pairs() {
             let mut progress = ObserverBar::new(common);

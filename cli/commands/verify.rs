@@ -19,6 +19,7 @@ use guard4d_engine::watermark::extractor::pretrained::PretrainedExtractor;
 
 use crate::flags::common::Common;
 use crate::flags::frames::{FrameArgs, FramingArgs};
+use crate::flags::near::NearArgs;
 use crate::flags::overwrite::Overwrite;
 use crate::flags::passphrase::PassphraseArgs;
 use crate::flags::trust::TrustArgs;
@@ -26,7 +27,7 @@ use crate::flags::views::EvaluationViews;
 use crate::shared::farm_job::FarmJob;
 use crate::shared::media::read_some;
 use crate::shared::views::cameras;
-use crate::shared::{device, suspects};
+use crate::shared::{device, locator, suspects};
 use crate::ui::document::{Document, Repeat};
 use crate::ui::outcome::Outcome;
 use crate::ui::progress::ObserverBar;
@@ -117,6 +118,8 @@ pub(crate) struct VerifyArgs {
     /// third of three readings either way.
     #[arg(long)]
     no_locate: bool,
+    #[command(flatten)]
+    near: NearArgs,
     /// Write the verdict as a page for people: one HTML file that needs no other and no network
     ///
     /// It shows frames of the films, beside the original's if that is given, the bits, the controls, the hashes, and
@@ -174,6 +177,7 @@ pub(crate) fn run(args: &VerifyArgs, common: &Common) -> Result<Outcome, EngineE
             true => Vec::new(),
             false => suspects::films(&args.suspects)?,
         },
+        near: locator::near(&args.near)?,
         guesses: args.framing.guesses(),
         unrelated: args.unrelated.clone(),
         clean,

@@ -4,6 +4,7 @@ pub(crate) mod common;
 pub(crate) mod device;
 pub(crate) mod film;
 pub(crate) mod frames;
+pub(crate) mod near;
 pub(crate) mod overwrite;
 pub(crate) mod passphrase;
 pub(crate) mod size;

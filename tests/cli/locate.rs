@@ -5,6 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use glam::Vec3;
+use guard4d_engine::scene::camera::View;
 use guard4d_engine::scene::camera::paths::{Lens, Orbit};
 use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{CameraSet, FrameSize, LookAt, Model, ply};
@@ -13,6 +14,7 @@ use serde_json::Value;
 use super::{Run, scratch, unwatched};
 use crate::support::fixture::gaussians;
 use crate::support::gpu::device;
+use crate::support::room::{self, Standing};
 
 const SIZE: (u32, u32) = (224, 168);
 /// Frames of the film.
@@ -73,10 +75,13 @@ impl Leak {
         unwatched(&args)
     }
 
-    fn trace(&self, film: &str) -> Value {
+    fn trace(&self, film: &str, more: &[&dyn AsRef<std::ffi::OsStr>]) -> Value {
         let (film, ledger) = (self.at(film), self.at("show.ledger"));
         let scene = self.scene.path();
-        json(&unwatched(&[&"trace", &film, &"--original", &scene, &"--ledger", &ledger, &"--json"]))
+        let mut args: Vec<&dyn AsRef<std::ffi::OsStr>> = vec![&"trace", &film, &"--original", &scene, &"--ledger"];
+        args.extend([&ledger as &dyn AsRef<_>, &"--json"]);
+        args.extend(more);
+        json(&unwatched(&args))
     }
 
     /// Pictures of one colour.
@@ -114,10 +119,10 @@ fn a_film_of_an_unknown_camera_is_located_and_names_the_recipient() {
     let sheet = image::open(leak.at("sheet.png")).expect("a picture");
     assert_eq!((sheet.width(), sheet.height()), (3 * SIZE.0, 3 * SIZE.1), "three frames, the original, what differs");
 
-    let traced = leak.trace("leak.mp4");
+    // A film whose cameras `trace` looks for itself is that of the room, below.
+    let traced = leak.trace("leak.mp4", &[&"--cameras", &leak.at("found.json")]);
     assert_eq!((&traced["verdict"], &traced["copies"][0]["recipient"]), (&"traced".into(), &"bo".into()), "{traced}");
     assert!(traced["copies"][0]["p_family"].as_f64().expect("a number") < 1e-6, "{traced}");
-    assert_eq!(traced["located"][0]["located"], FRAMES, "{traced}");
     assert!(!leak.at("found.json.checkpoint.safetensors").exists(), "a finished search leaves none");
     leak.locate("leak.mp4", leak.scene.path(), &[]).refused(73, &["found.json", "exists"]);
 }
@@ -131,9 +136,12 @@ fn what_is_not_in_a_film_is_not_found_in_it_and_nobody_is_named() {
     leak.grey("grey", 64);
     let resumed = leak.locate("grey", leak.scene.path(), &["--resume"]);
     resumed.refused(66, &["found.json.checkpoint.safetensors"]);
-    let traced = leak.trace("grey");
+    let traced = leak.trace("grey", &[]);
     assert_eq!((&traced["verdict"], &traced["frames"]), (&"inconclusive".into(), &0.into()), "{traced}");
     assert_eq!(traced["copies"].as_array().expect("a list").len(), 0);
+    // No film at all, before anything is looked for.
+    let run = leak.locate("nothing.mp4", &leak.at("nowhere"), &[]);
+    run.refused(66, &["nothing.mp4"]);
     // Another asset.
     let other = leak.at("other.ply");
     fs::write(&other, ply::encode(&gaussians(400, 1, 3))).expect("writable");
@@ -145,4 +153,44 @@ fn what_is_not_in_a_film_is_not_found_in_it_and_nobody_is_named() {
     leak.grey("tiny", 3);
     let run = leak.locate("tiny", leak.scene.path(), &["--overwrite"]);
     assert_eq!((run.code, &json(&run)["verdict"]), (4, &"inconclusive".into()), "{}", run.stdout);
+}
+
+#[test]
+fn a_film_from_within_a_room_names_the_recipient_where_its_capture_is_known() {
+    if device().is_none() {
+        return;
+    }
+    let folder = scratch();
+    let at = |name: &str| folder.path().join(name);
+    let size = FrameSize::new(SIZE.0, SIZE.1).expect("a size");
+    fs::write(at("room.ply"), ply::encode(&room::room())).expect("writable");
+    let set = |standing: &[Standing]| {
+        let view = |standing: &Standing| View {
+            name: "frame".to_owned(),
+            camera: standing.camera(size),
+            times: vec![0.0],
+            located: true,
+        };
+        CameraSet { views: standing.iter().map(view).collect(), in_sequence: true }.film_json()
+    };
+    fs::write(at("capture.json"), set(&room::capture())).expect("writable");
+    let path = |number: usize| Standing {
+        place: [-0.4 + 0.1 * number as f64, 0.0],
+        looks_deg: [200.0 + 20.0 * number as f64, 4.0],
+        fov_deg: 50.0,
+    };
+    fs::write(at("true.json"), set(&(0..4).map(path).collect::<Vec<_>>())).expect("writable");
+    let (room, ledger, film) = (at("room.ply"), at("show.ledger"), at("leak.mp4"));
+    unwatched(&[&"stamp", &room, &"--ledger", &ledger, &"--to", &"ana,bo", &"--out", &at("copies")]).done();
+    let copy = at("copies").join("bo.ply");
+    unwatched(&[&"render", &copy, &"--cameras", &at("true.json"), &"--out", &film]).done();
+    let trace = |near: &Path| {
+        unwatched(&[&"trace", &film, &"--original", &room, &"--ledger", &ledger, &"--near", &near, &"--json"])
+    };
+    let traced = json(&trace(&at("capture.json")));
+    assert_eq!((&traced["verdict"], &traced["copies"][0]["recipient"]), (&"traced".into(), &"bo".into()), "{traced}");
+    assert_eq!(traced["located"][0]["located"], 4, "{traced}");
+    fs::write(at("empty.json"), r#"{"frames": []}"#).expect("writable");
+    trace(&at("empty.json")).refused(65, &["empty.json"]);
+    trace(&at("nowhere.json")).refused(66, &["nowhere.json"]);
 }

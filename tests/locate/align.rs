@@ -3,7 +3,7 @@
 use guard4d_engine::locate::align::{Detail, Plan, Way, align, moments};
 use guard4d_engine::locate::gray::Gray;
 use guard4d_engine::locate::pose::{PARAMETERS, Pose};
-use guard4d_engine::locate::stage::Stage;
+use guard4d_engine::locate::stage::{About, Stage};
 use guard4d_engine::media::Frame;
 use guard4d_engine::render::SceneRenderer;
 use guard4d_engine::scene::demo::DemoScene;
@@ -18,8 +18,8 @@ const PLANS: [Plan; 3] = [
     Plan { detail: Detail::Width(192), steps: 8, lens: true, time: true, way: Way::Small },
 ];
 
-fn film(gpu: &Gpu, model: &Model, pose: &Pose, stage: &Stage) -> Gray {
-    let camera = pose.camera(stage.middle(), FrameSize::new(320, 240).expect("a size"));
+fn film(gpu: &Gpu, model: &Model, pose: &Pose) -> Gray {
+    let camera = pose.camera(FrameSize::new(320, 240).expect("a size"));
     let mut renderer = SceneRenderer::new(gpu, &model.gaussians, &model.motion, model.background).expect("a renderer");
     let mut film = None;
     let shot = (camera, pose.time as f32);
@@ -36,7 +36,7 @@ fn a_pose_that_is_off_comes_to_where_the_film_was_taken() {
     let Some(gpu) = device() else { return };
     let scene = DemoScene::unpack().expect("the scene unpacks");
     let model = Model::open(scene.path()).expect("the scene opens");
-    let mut stage = Stage::new(&gpu, &model).expect("it fits");
+    let mut stage = Stage::new(&gpu, &model, About::Middle).expect("it fits");
     let usual = guard4d_engine::scene::camera::paths::Orbit {
         views: 5,
         elevation_deg: 40.0,
@@ -48,7 +48,7 @@ fn a_pose_that_is_off_comes_to_where_the_film_was_taken() {
     };
     let camera = usual.cameras().expect("an orbit").views[3].camera;
     let truth = Pose::of_camera(&camera, 0.5, stage.middle()).expect("the middle is in front");
-    let frame = film(&gpu, &model, &truth, &stage);
+    let frame = film(&gpu, &model, &truth);
     // Five degrees and more, a tenth of the size, and a moment that is a tenth off.
     let mut pose = truth.moved(&[0.08, -0.06, 0.05, 0.02, -0.02, 0.1, 0.0, 0.1]);
     let begun = pose;

@@ -2,8 +2,9 @@
 
 use glam::DVec3;
 use guard4d_engine::locate::bank::{Bank, Edges, Guess};
-use guard4d_engine::locate::pose::Pose;
+use guard4d_engine::locate::pose::{Middle, Pose};
 use guard4d_engine::locate::stage::{Canvas, Stage};
+use guard4d_engine::locate::views::Vantage;
 use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{FrameSize, Model, Motion};
 
@@ -15,11 +16,11 @@ fn a_frame_is_found_among_small_pictures_at_any_size_and_place() {
     let scene = DemoScene::unpack().expect("the scene unpacks");
     let mut model = Model::open(scene.path()).expect("the scene opens");
     model.motion = Motion::Still;
-    let mut stage = Stage::new(&gpu, &model).expect("it fits");
-    let bank = Bank::new(&mut stage).expect("it is drawn");
+    let mut stage = Stage::new(&gpu, &model, Vantage::Around.about()).expect("it fits");
+    let bank = Bank::new(&mut stage, Vantage::Around).expect("it is drawn");
     let turn = glam::DQuat::from_rotation_x(2.2) * glam::DQuat::from_rotation_z(0.9);
-    let truth = Pose { turn, shift: [0.15, -0.1], size: -1.6, lens: 0.2, time: 0.0 };
-    let canvas = Canvas::fine(FrameSize::new(160, 90).expect("a size"));
+    let truth = Pose { middle: stage.middle(), turn, shift: [0.15, -0.1], size: -1.6, lens: 0.2, time: 0.0 };
+    let canvas = Canvas::small(FrameSize::new(160, 90).expect("a size"));
     let frame = stage.draw_pixels(&truth, canvas).expect("draws").thumbnail();
     let guesses = bank.guesses(&mut stage, &frame, Edges::AsTheyAre, 10).expect("it looks");
     let axis = |pose: &Pose| pose.turn.inverse() * DVec3::Z;
@@ -51,7 +52,9 @@ fn a_frame_is_found_among_small_pictures_at_any_size_and_place() {
 #[test]
 fn what_is_beside_the_middle_of_a_picture_is_seen_from_another_side() {
     let turn = glam::DQuat::from_rotation_x(1.9) * glam::DQuat::from_rotation_z(0.4);
-    let guess = Guess { pose: Pose { turn, shift: [0.3, -0.2], size: -1.0, lens: 0.1, time: 0.5 }, likeness: 0.7 };
+    let middle = Middle { point: DVec3::new(0.1, 0.2, 0.3), radius: 1.2 };
+    let pose = Pose { middle, turn, shift: [0.3, -0.2], size: -1.0, lens: 0.1, time: 0.5 };
+    let guess = Guess { pose, larger: 0.2, likeness: 0.7 };
     // From the camera to the middle, in the world: along the axis of the small picture, whatever the lens.
     let expected = guess.pose.turn.inverse() * DVec3::Z;
     for lens in [-0.4f64, 0.1, 1.2] {
@@ -61,4 +64,7 @@ fn what_is_beside_the_middle_of_a_picture_is_seen_from_another_side() {
         assert!((along - expected).length() < 1e-12, "{along} {expected}");
         assert_eq!((through.lens, through.shift, through.size), (lens, guess.pose.shift, guess.pose.size));
     }
+    // Where the camera of the small picture stands, what is larger is so by the lens.
+    let small = Pose { size: pose.size - guess.larger, ..pose };
+    assert!((guess.through(guess.lens_from_there()).depth() - small.depth()).abs() < 1e-12);
 }

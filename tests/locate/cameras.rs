@@ -13,7 +13,7 @@ const SIZE: (u32, u32) = (320, 240);
 
 fn fit(angle: f64, time: f64) -> Fit {
     let turn = DQuat::from_rotation_x(2.0) * DQuat::from_rotation_z(angle);
-    let pose = Pose { turn, shift: [0.05, -0.02], size: -1.0, lens: 0.3, time };
+    let pose = Pose { middle: MIDDLE, turn, shift: [0.05, -0.02], size: -1.0, lens: 0.3, time };
     Fit { pose, cost: 1e-4, correlation: 0.9, lens_weight: 0.0, tied: 1.0 }
 }
 
@@ -25,7 +25,7 @@ fn reading(frames: usize, every: usize, picture: Rect) -> Reading {
 const WHOLE: Rect = Rect { x: 0, y: 0, width: SIZE.0, height: SIZE.1 };
 
 fn cameras(track: &Track, reading: &Reading) -> CameraSet {
-    track.cameras(reading, MIDDLE).expect("sizes are sound").expect("something is known")
+    track.cameras(reading).expect("sizes are sound").expect("something is known")
 }
 
 #[test]
@@ -42,7 +42,7 @@ fn frames_that_were_not_looked_at_are_between_those_that_were_and_are_guesses() 
     // Numbers of 32 bits.
     let expected = [0.1, 0.2, 0.3, 0.3, 0.3, 0.3, 0.8, 0.8];
     assert!(times.iter().zip(expected).all(|(a, b): (&f32, f32)| (a - b).abs() < 1e-6), "{times:?}");
-    let halfway = Pose { time: 0.2, ..fit(0.3, 0.0).pose }.camera(MIDDLE, FrameSize::new(320, 240).expect("a size"));
+    let halfway = Pose { time: 0.2, ..fit(0.3, 0.0).pose }.camera(FrameSize::new(320, 240).expect("a size"));
     let point = Vec3::new(0.4, -0.3, 0.2);
     let apart = |a: &guard4d_engine::scene::Camera, b: &guard4d_engine::scene::Camera| {
         a.project(point).expect("in front").0.distance(b.project(point).expect("in front").0)
@@ -63,7 +63,7 @@ fn bars_and_mirrors_are_in_the_cameras() {
     let inside = Rect { x: 0, y: 30, width: 320, height: 180 };
     let plain = cameras(&track(false), &reading(1, 1, inside)).views[0].camera;
     let mirrored = cameras(&track(true), &reading(1, 1, inside)).views[0].camera;
-    let part = fit(0.2, 0.1).pose.camera(MIDDLE, FrameSize::new(320, 180).expect("a size"));
+    let part = fit(0.2, 0.1).pose.camera(FrameSize::new(320, 180).expect("a size"));
     let seen = |camera: &guard4d_engine::scene::Camera| camera.project(Vec3::new(0.4, -0.3, 0.2)).expect("in front").0;
     // Numbers of 32 bits at some hundred pixels.
     assert!((seen(&plain) - seen(&part) - glam::Vec2::new(0.0, 30.0)).length() < 1e-3, "below the bar");
@@ -93,5 +93,5 @@ fn what_was_not_found_is_a_guess_in_all_frames() {
     let back = CameraSet::parse(std::path::Path::new("film.json"), &set.film_json(), FrameSize::DNERF).expect("a file");
     assert!(back.film().iter().all(Option::is_none), "files say so, too");
     let nothing = Track { guess: None, ..track };
-    assert_eq!(nothing.cameras(&reading(2, 1, WHOLE), MIDDLE).expect("sizes are sound"), None);
+    assert_eq!(nothing.cameras(&reading(2, 1, WHOLE)).expect("sizes are sound"), None);
 }

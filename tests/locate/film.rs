@@ -6,6 +6,7 @@ use guard4d_engine::locate::picture::Picture;
 use guard4d_engine::locate::pose::Pose;
 use guard4d_engine::locate::so_far::SoFar;
 use guard4d_engine::locate::stage::Making;
+use guard4d_engine::locate::views::Vantage;
 use guard4d_engine::media::Frame;
 use guard4d_engine::render::SceneRenderer;
 use guard4d_engine::render::profile::Viewer;
@@ -83,7 +84,7 @@ fn view(locator: &Locator, number: usize) -> Camera {
 fn a_search_goes_on_where_it_was_broken_off() {
     let Some(gpu) = device() else { return };
     let model = still_demo();
-    let mut locator = Locator::new(&gpu, &model).expect("it fits");
+    let mut locator = Locator::new(&gpu, &model, Vantage::Around).expect("it fits");
     let frames = [3, 1].map(|number| looked_at(&frame(&gpu, &model, view(&locator, number), false)));
     let mut kept = Vec::new();
     let whole = locator.locate_from(SoFar::default(), &model, &frames, &mut Unobserved, &mut |so_far| {
@@ -112,7 +113,7 @@ fn a_search_goes_on_where_it_was_broken_off() {
 fn another_renderer_is_told_and_frames_are_fitted_by_it() {
     let Some(gpu) = device() else { return };
     let model = still_demo();
-    let mut locator = Locator::new(&gpu, &model).expect("it fits");
+    let mut locator = Locator::new(&gpu, &model, Vantage::Around).expect("it fits");
     let middle = locator.stage().middle();
     for viewer in [Viewer::PlayCanvas, Viewer::GaussianSplats3d] {
         let camera = view(&locator, 3);
@@ -128,7 +129,10 @@ fn another_renderer_is_told_and_frames_are_fitted_by_it() {
     // A film that comes after begins as if it were the first.
     let film = [looked_at(&frame(&gpu, &model, view(&locator, 1), false))];
     let after = locator.locate(&model, &film, &mut Unobserved).expect("it looks");
-    let alone = Locator::new(&gpu, &model).expect("it fits").locate(&model, &film, &mut Unobserved).expect("it looks");
+    let alone = Locator::new(&gpu, &model, Vantage::Around)
+        .expect("it fits")
+        .locate(&model, &film, &mut Unobserved)
+        .expect("it looks");
     assert_eq!(after, alone);
 }
 
@@ -136,7 +140,7 @@ fn another_renderer_is_told_and_frames_are_fitted_by_it() {
 fn a_logo_and_what_is_behind_the_asset_do_not_hide_it() {
     let Some(gpu) = device() else { return };
     let model = still_demo();
-    let mut locator = Locator::new(&gpu, &model).expect("it fits");
+    let mut locator = Locator::new(&gpu, &model, Vantage::Around).expect("it fits");
     let middle = locator.stage().middle();
     let camera = view(&locator, 3);
     let truth = Pose::of_camera(&camera, 0.0, middle).expect("the middle is in front");

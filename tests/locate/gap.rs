@@ -5,7 +5,7 @@ use guard4d_engine::locate::film::{Track, apart_px};
 use guard4d_engine::locate::gap::gap_px;
 use guard4d_engine::locate::picture::Picture;
 use guard4d_engine::locate::pose::{PARAMETERS, Pose};
-use guard4d_engine::locate::stage::{Canvas, Stage};
+use guard4d_engine::locate::stage::{About, Canvas, Stage};
 use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{FrameSize, Model, Motion};
 
@@ -33,15 +33,15 @@ fn frames_are_found_in_one_place_from_either_side_or_it_is_seen() {
     let scene = DemoScene::unpack().expect("the scene unpacks");
     let mut model = Model::open(scene.path()).expect("the scene opens");
     model.motion = Motion::Still;
-    let mut stage = Stage::new(&gpu, &model).expect("it fits");
+    let mut stage = Stage::new(&gpu, &model, About::Middle).expect("it fits");
     stage.set_rough(false);
     let turn = glam::DQuat::from_rotation_x(2.2) * glam::DQuat::from_rotation_z(0.9);
-    let first = Pose { turn, shift: [0.05, -0.02], size: -1.2, lens: 0.2, time: 0.0 };
+    let first = Pose { middle: stage.middle(), turn, shift: [0.05, -0.02], size: -1.2, lens: 0.2, time: 0.0 };
     let truth: Vec<Pose> = (0..5).map(|number| first.moved(&step(number, 0.02, 0.003))).collect();
     let size = FrameSize::new(WIDTH_PX, 180).expect("a size");
     let mut frames = Vec::new();
     for pose in &truth {
-        let pixels = stage.draw_pixels(pose, Canvas { size, drawn: Some(size) }).expect("draws");
+        let pixels = stage.draw_pixels(pose, Canvas::as_film(size, size)).expect("draws");
         frames.push(Picture { gray: pixels.drawn().picture, thumbnail: pixels.thumbnail() });
     }
     let mut gap = |frames: &[Picture], track: &Track| gap_px(&mut stage, frames, track).expect("it looks");

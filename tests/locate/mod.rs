@@ -12,3 +12,4 @@ mod pose;
 mod shots;
 mod stage;
 mod thumbnail;
+mod views;

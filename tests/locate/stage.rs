@@ -2,7 +2,7 @@
 
 use guard4d_engine::locate::gray::correlation;
 use guard4d_engine::locate::pose::Pose;
-use guard4d_engine::locate::stage::{Canvas, Stage};
+use guard4d_engine::locate::stage::{About, Canvas, Stage};
 use guard4d_engine::scene::{FrameSize, Model};
 
 use crate::support::gpu::device;
@@ -16,15 +16,15 @@ const ALIKE: f64 = 0.85;
 fn small_pictures_are_what_films_are_in_small() {
     let (Some(gpu), Some(file)) = (device(), shared("data/static/biker.spz")) else { return };
     let model = Model::open(&file).expect("it opens");
-    let mut stage = Stage::new(&gpu, &model).expect("it fits");
+    let mut stage = Stage::new(&gpu, &model, About::Middle).expect("it fits");
     let turn = glam::DQuat::from_rotation_x(2.2) * glam::DQuat::from_rotation_z(0.9);
-    let pose = Pose { turn, shift: [0.05, -0.02], size: -0.8, lens: 0.5, time: 0.0 };
+    let pose = Pose { middle: stage.middle(), turn, shift: [0.05, -0.02], size: -0.8, lens: 0.5, time: 0.0 };
     let film = FrameSize::new(480, 360).expect("a size");
-    let shown = stage.draw(&pose, Canvas { size: film, drawn: Some(film) }).expect("draws").picture;
+    let shown = stage.draw(&pose, Canvas::as_film(film, film)).expect("draws").picture;
     // At a radius of 16 and 24 pixels, where splats are merged.
     for width in [36u32, 54] {
         let small = FrameSize::new(width, width * 3 / 4).expect("a size");
-        let drawn = stage.draw(&pose, Canvas::fine(small)).expect("draws").picture;
+        let drawn = stage.draw(&pose, Canvas::smallest(small)).expect("draws").picture;
         let likeness = correlation(&drawn, &shown.resized(drawn.width, drawn.height));
         assert!(likeness > ALIKE, "{likeness} at {width} px");
     }

@@ -16,6 +16,7 @@ pub(crate) mod pth_builder;
 pub(crate) mod random;
 pub(crate) mod random_lpips;
 pub(crate) mod raster;
+pub(crate) mod room;
 pub(crate) mod tiny_clip;
 pub(crate) mod trained;
 

@@ -15,7 +15,7 @@ use crate::networks::clip::ClipModel;
 use crate::picture::undo_guess::GuessSearch;
 use crate::release::dating::standing::DateFiles;
 use crate::release::delivery::EXTRACTOR;
-use crate::scene::Model;
+use crate::scene::{Camera, Model};
 use crate::watermark::extractor::pretrained::PretrainedExtractor;
 use crate::watermark::key::owner_key::Key;
 
@@ -63,6 +63,8 @@ pub struct VerifyInputs {
     /// Films among them whose cameras are looked for, to read the chips in them, where none are known and the message
     /// alone does not prove it.
     pub locatable: Vec<PathBuf>,
+    /// Cameras near which these films were taken, inside of the scene; none where they were taken from all around.
+    pub near: Vec<Camera>,
     /// What may have been done to all of it alike, and is undone where that brings it nearer to the claim.
     pub guesses: GuessSearch,
     /// Videos that surely carry no mark; one that is given twice is read once.

@@ -15,6 +15,7 @@ use crate::evidence::claim::Claim;
 use crate::evidence::control::Control;
 use crate::evidence::judgement::{Evidence, Verdict, judge};
 use crate::evidence::other_keys::OtherKeys;
+use crate::locate::views::Vantage;
 use crate::media::ReadOptions;
 use crate::picture::undo_guess::GuessSearch;
 use crate::release::dating::standing::Standing;
@@ -85,7 +86,7 @@ impl VerifyRequest<'_> {
         let evidence = self.weigh(&opened, &suspects, &answer, chosen, &controls)?;
         let may_locate = inputs.filmed.is_empty() && evidence.verdict != Verdict::Present;
         if let Some(with_original) = with_original.filter(|_| may_locate) {
-            compared = with_original.locate(&inputs.locatable, &mut reader)?;
+            compared = with_original.locate(&inputs.locatable, Vantage::of(&inputs.near), &mut reader)?;
         }
         let code = promised.id().map(|id| id.code());
         let alone = |clip| ClipReading::of(clip, answer.guess(), &answer.message(), code, &prf);

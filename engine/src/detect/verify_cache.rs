@@ -10,6 +10,7 @@ use crate::base::held::Held;
 use crate::base::prf::KeyId;
 use crate::error::EngineError;
 use crate::locate::film::Locator;
+use crate::locate::views::Vantage;
 use crate::media::Frame;
 use crate::scene::Model;
 use crate::watermark::embed::{EmbedConfig, Subject, refit};
@@ -53,9 +54,14 @@ impl VerifyCache {
     ///
     /// # Errors
     /// Those of [`Locator::new`].
-    pub fn locator(&self, device: &Device, original: &Model) -> Result<Arc<Mutex<Locator>>, EngineError> {
-        self.locator
-            .get(original.digest(), || Locator::new(device, original).map(|locator| Arc::new(Mutex::new(locator))))
+    pub fn locator(
+        &self,
+        device: &Device,
+        original: &Model,
+        vantage: Vantage<'_>,
+    ) -> Result<Arc<Mutex<Locator>>, EngineError> {
+        let new = || Locator::new(device, original, vantage).map(|locator| Arc::new(Mutex::new(locator)));
+        self.locator.get(vantage.digest_of(original), new)
     }
 
     /// [`refit`], unless that is what was done last.

@@ -19,6 +19,7 @@ use crate::evidence::id_code::SearchedP;
 use crate::evidence::reading::Reading;
 use crate::fingerprint::issue::Issue;
 use crate::locate::finding::{DEFAULT_FRAMES, Finding, LocateReport, Locating, Wanted};
+use crate::locate::views::Vantage;
 use crate::media::framing::Framing;
 use crate::media::{FrameSource, ReadOptions};
 use crate::release::receipt::OwnerChips;
@@ -66,9 +67,14 @@ impl WithOriginal<'_> {
     ///
     /// # Errors
     /// Those of reading films, of the device and of the observer.
-    pub(super) fn locate(&self, films: &[PathBuf], reader: &mut ClipReader<'_>) -> Result<Compared, EngineError> {
+    pub(super) fn locate(
+        &self,
+        films: &[PathBuf],
+        vantage: Vantage<'_>,
+        reader: &mut ClipReader<'_>,
+    ) -> Result<Compared, EngineError> {
         let (mut found, mut located) = (Vec::new(), Vec::new());
-        let shared = self.request.cache.locator(self.request.device, self.original)?;
+        let shared = self.request.cache.locator(self.request.device, self.original, vantage)?;
         let mut locator = shared.lock().unwrap_or_else(PoisonError::into_inner);
         for path in films {
             // Every frame that the message is read in, up to as many as are enough.

@@ -4,6 +4,7 @@
 //! where splats are small: large ones move less.
 
 use crate::scene::camera::paths::USUAL_FOV_X_RAD;
+use crate::scene::gaussians::opacity_of;
 use crate::scene::{LookAt, Model};
 
 /// Side of the picture, px, in which the asset is seen as by a usual camera.
@@ -26,8 +27,7 @@ pub(super) fn shares(model: &Model) -> Vec<f64> {
     let share = |(scales, logit): (&[f32; 3], &f32)| {
         let mut logs = scales.map(f64::from);
         logs.sort_by(f64::total_cmp);
-        let opacity = 1.0 / (1.0 + (-f64::from(*logit)).exp());
-        let covered = std::f64::consts::TAU * opacity * (logs[1] + logs[2]).exp() * px_per_unit.powi(2);
+        let covered = std::f64::consts::TAU * opacity_of(*logit) * (logs[1] + logs[2]).exp() * px_per_unit.powi(2);
         // What is no number covers nothing.
         let share = (FREE_PX / covered.max(FREE_PX)).sqrt().sqrt();
         (share / STEP).round() * STEP

@@ -5,7 +5,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::gray::{Gray, correlation_where};
 use super::pose::{LENS, PARAMETERS, Pose, TIME};
-use super::stage::{Canvas, Drawn, MOMENTS, Stage, is_seen};
+use super::stage::{Canvas, Drawn, MERGED_PX, MOMENTS, Shows, Stage, is_seen};
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::scene::FrameSize;
@@ -161,7 +161,8 @@ fn weights(residual: &[f64], bound: f64) -> Vec<f64> {
 /// # Errors
 /// When memory runs out or the device fails.
 pub fn align(stage: &mut Stage, film: &Gray, begun: &Pose, plan: Plan) -> Result<Fit, EngineError> {
-    let target = Target::new(film, plan.detail.width_px(begun), plan.way)?;
+    let begun = &stage.about_what_is_seen(begun)?;
+    let target = Target::new(film, begun, plan.detail, plan.way)?;
     let width = target.picture.width as f64;
     let mut pose = *begun;
     let mut at = target.compare(stage, &pose, None)?;
@@ -202,7 +203,7 @@ pub fn align(stage: &mut Stage, film: &Gray, begun: &Pose, plan: Plan) -> Result
 /// When memory runs out or the device fails.
 pub fn costs_of(stage: &mut Stage, film: &Gray, poses: &[Pose], plan: Plan) -> Result<Vec<f64>, EngineError> {
     let Some(first) = poses.first() else { return Ok(Vec::new()) };
-    let target = Target::new(film, plan.detail.width_px(first), plan.way)?;
+    let target = Target::new(film, first, plan.detail, plan.way)?;
     let mut seen = vec![false; target.picture.values.len()];
     let (mut drawn, mut bound) = (Vec::new(), f64::INFINITY);
     for pose in poses {
@@ -235,7 +236,7 @@ pub fn moments(
     if !stage.moves() {
         return Ok(vec![*pose]);
     }
-    let target = Target::new(film, detail.width_px(pose), Way::Small)?;
+    let target = Target::new(film, pose, detail, Way::Small)?;
     let bound = target.compare(stage, pose, None)?.bound();
     let mut tried = Vec::new();
     for moment in 0..=MOMENTS {
@@ -305,7 +306,7 @@ impl Slope {
         // The mean of both gradients: steps are of second order then (Malis 2004).
         let [own, there] = [&at.left.shown, &film.picture].map(Gray::slope);
         for (pixel, point) in stage.points(pose, film.canvas)?.into_iter().enumerate() {
-            let Some(flow) = point.and_then(|point| pose.flow(stage.middle(), point)) else { continue };
+            let Some(flow) = point.and_then(|point| pose.flow(point)) else { continue };
             let [right, down] = [0, 1].map(|i| 0.5 * f64::from(own[i][pixel] + there[i][pixel]) * width);
             for (slope, [u, v]) in of.iter_mut().zip(flow) {
                 slope[pixel] = -(right * u + down * v);
@@ -399,11 +400,16 @@ struct Target {
 }
 
 impl Target {
-    /// At so many pixels across, or as it is where that is less.
-    fn new(film: &Gray, width_px: u32, way: Way) -> Result<Self, EngineError> {
-        let picture = level(film, width_px);
+    /// As large as suits a pose, or as it is where that is less.
+    fn new(film: &Gray, pose: &Pose, detail: Detail, way: Way) -> Result<Self, EngineError> {
+        let picture = level(film, detail.width_px(pose));
         let size = size_of(&picture)?;
-        let canvas = Canvas { size, drawn: (way != Way::Small).then(|| size_of(film)).transpose()? };
+        let shows = match (way, detail) {
+            (Way::AsFilm | Way::Exact, _) => Shows::AsFilm(size_of(film)?),
+            (Way::Small, Detail::Radius(px)) if px <= MERGED_PX => Shows::Smallest,
+            (Way::Small, _) => Shows::Small,
+        };
+        let canvas = Canvas { size, shows };
         Ok(Self { picture, canvas })
     }
 

@@ -1,24 +1,17 @@
 //! A first guess without a prior: small pictures of the asset from all around and at several moments, found in a frame
 //! at whatever size and place they are most like it.
 
-use glam::{DMat3, DQuat, DVec3, Vec4, Vec4Swizzles};
+use glam::{DQuat, DVec3, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 
 use super::gray::Gray;
 use super::pose::{PARAMETERS, Pose, TIME};
 use super::stage::{Canvas, Stage};
 use super::thumbnail::{CHANNELS, Thumbnail};
-use crate::base::numbers::narrow;
+use super::views::{MOMENTS, Vantage};
 use crate::error::EngineError;
 use crate::scene::FrameSize;
-use crate::scene::camera::paths::{Lens, Orbit, USUAL_FOV_X_RAD};
 
-/// Directions on a whole sphere, some 15 degrees apart.
-const DIRECTIONS: u32 = 183;
-/// Elevations that cameras are looked for at, degrees.
-const ELEVATIONS_DEG: [f64; 2] = [-35.0, 90.0];
-/// Moments of a moving asset.
-const MOMENTS: u32 = 8;
 /// Sides of the small pictures, px: for a first look, for assets that are small in a frame, and for those that fill it
 /// and more.
 const SIDES_PX: [usize; 3] = [16, 24, 48];
@@ -42,8 +35,9 @@ const COLOUR: f32 = 2.0;
 const CLOSER: usize = 4;
 const TURNED_DEG: f64 = 7.0;
 const NEAR_SIZE: f64 = 0.3;
-/// Directions that are nearer than this count as one guess, as the cosine of some 20 degrees.
+/// Directions that are nearer than this count as one guess, as the cosine of some 20 degrees; and moments.
 const SAME_VIEW: f64 = 0.94;
+const SAME_TIME: f64 = 0.2;
 
 /// A view of the asset, in pictures of all sizes.
 #[derive(Clone, Debug)]
@@ -55,7 +49,7 @@ struct Seen {
 impl Seen {
     /// None of a view in which nothing is seen.
     fn of(stage: &mut Stage, pose: Pose) -> Result<Option<Self>, EngineError> {
-        let pixels = stage.draw_pixels(&pose, Canvas::fine(drawn_size()?))?;
+        let pixels = stage.draw_pixels(&pose, Canvas::smallest(drawn_size()?))?;
         let (drawn, clear) = (pixels.thumbnail(), pixels.clear());
         let looks = SIDES_PX.map(|side| Look::of(&drawn, &clear, side));
         Ok(looks.iter().all(|look| look.products.size() > f32::EPSILON).then_some(Self { pose, looks }))
@@ -171,13 +165,22 @@ pub enum Edges {
 /// A pose, and how much a frame looks like it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guess {
-    /// The pose.
+    /// The pose, through a usual lens.
     pub pose: Pose,
+    /// How much larger what is seen is than in a picture from where the view is taken, as a logarithm.
+    pub larger: f64,
     /// Correlation of gradients, −1 to 1.
     pub likeness: f64,
 }
 
 impl Guess {
+    /// As a logarithm of its length in widths, the lens that the pose's frame was taken through from where the view is
+    /// taken: what is larger there is so by the lens alone.
+    #[must_use]
+    pub fn lens_from_there(&self) -> f64 {
+        self.pose.lens + self.larger
+    }
+
     /// The pose through a lens: what is seen beside the middle of a picture is seen from another side than what is in
     /// it, the more so the wider the lens.
     #[must_use]
@@ -193,15 +196,10 @@ impl Bank {
     ///
     /// # Errors
     /// When memory runs out or the device fails.
-    pub fn new(stage: &mut Stage) -> Result<Self, EngineError> {
-        let moments = if stage.moves() { MOMENTS } else { 1 };
+    pub fn new(stage: &mut Stage, vantage: Vantage<'_>) -> Result<Self, EngineError> {
         let mut seen = Vec::new();
-        for moment in 0..moments {
-            let time = f64::from(moment) / f64::from(moments.max(2) - 1);
-            for direction in directions() {
-                let Some(pose) = pose_from(stage, direction, time) else { continue };
-                seen.extend(Seen::of(stage, pose)?);
-            }
+        for pose in vantage.views(stage)? {
+            seen.extend(Seen::of(stage, pose)?);
         }
         Ok(Self { seen })
     }
@@ -222,33 +220,29 @@ impl Bank {
         let seen: Vec<&Seen> = first.into_iter().take(LOOKED_AT).map(|found| found.seen).collect();
         let levels = pyramid(frame, edges, |size| if size >= LARGE { 2 } else { 1 });
         let found = Self::ranked(&levels, &seen);
-        let mut kept: Vec<Guess> = Vec::new();
-        for Found { guess, .. } in found {
-            let axis = |guess: &Guess| guess.pose.turn.inverse() * DVec3::Z;
-            let is_same = |other: &Guess| {
-                axis(other).dot(axis(&guess)) > SAME_VIEW && (other.pose.time - guess.pose.time).abs() < 0.2
-            };
-            if !kept.iter().any(is_same) {
-                kept.push(guess);
+        let mut kept: Vec<Found<'_>> = Vec::new();
+        for found in found {
+            if !kept.iter().any(|other| is_same(&other.guess.pose, &found.guess.pose)) {
+                kept.push(found);
             }
             if kept.len() == count {
                 break;
             }
         }
-        let usual = self.seen.first().map_or(0.0, |seen| seen.pose.size);
-        for guess in kept.iter_mut().take(CLOSER) {
-            *guess = Self::closer(stage, &levels, usual, *guess)?;
+        let mut guesses = Vec::new();
+        for (number, found) in kept.into_iter().enumerate() {
+            guesses.push(if number < CLOSER { Self::closer(stage, &levels, found)? } else { found.guess });
         }
-        kept.sort_by(|a, b| b.likeness.total_cmp(&a.likeness));
-        Ok(kept)
+        guesses.sort_by(|a, b| b.likeness.total_cmp(&a.likeness));
+        Ok(guesses)
     }
 
     /// The best of a guess and of those around it: the views between it and the next ones of the bank, turned a little
     /// either way and at moments between.
-    fn closer(stage: &mut Stage, levels: &[Level], upright: f64, guess: Guess) -> Result<Guess, EngineError> {
-        let about = Pose { shift: [0.0; 2], size: upright, ..guess.pose };
-        let is_near = |level: &&Level| (about.size + level.larger() - guess.pose.size).abs() < NEAR_SIZE;
+    fn closer(stage: &mut Stage, levels: &[Level], Found { seen, guess }: Found<'_>) -> Result<Guess, EngineError> {
+        let is_near = |level: &&Level| (level.larger() - guess.larger).abs() < NEAR_SIZE;
         let levels: Vec<&Level> = levels.iter().filter(is_near).collect();
+        let about = seen.pose;
         let mut seen = Vec::new();
         for step in steps_around(stage.moves()) {
             seen.extend(Seen::of(stage, about.moved(&step))?);
@@ -268,6 +262,14 @@ impl Bank {
         found.sort_by(|a, b| b.guess.likeness.total_cmp(&a.guess.likeness));
         found
     }
+}
+
+/// Whether two guesses are as good as one: the same is looked at from nearly the same side at about the same time.
+fn is_same(a: &Pose, b: &Pose) -> bool {
+    let axis = |pose: &Pose| pose.turn.inverse() * DVec3::Z;
+    axis(a).dot(axis(b)) > SAME_VIEW
+        && (a.time - b.time).abs() < SAME_TIME
+        && a.middle.point.distance(b.middle.point) < a.middle.radius
 }
 
 /// The likest of guesses.
@@ -301,32 +303,10 @@ struct Found<'a> {
     guess: Guess,
 }
 
-/// Directions evenly over the sphere (a spiral of golden angles), z up.
-fn directions() -> impl Iterator<Item = DVec3> {
-    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
-    let [low, high] = ELEVATIONS_DEG.map(|degrees| degrees.to_radians().sin());
-    let at = move |i: u32| {
-        let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(DIRECTIONS);
-        let (sin, cos) = (golden * f64::from(i)).sin_cos();
-        let across = (1.0 - z * z).sqrt();
-        DVec3::new(across * cos, across * sin, z)
-    };
-    (0..DIRECTIONS).map(at).filter(move |direction| (low..=high).contains(&direction.z))
-}
-
 /// As large as the larger pictures.
 fn drawn_size() -> Result<FrameSize, EngineError> {
     let side = u32::try_from(SIDES_PX[SIDES_PX.len() - 1]).unwrap_or(u32::MAX);
     FrameSize::new(side, side)
-}
-
-/// Upright, at the usual distance, through the usual lens.
-fn pose_from(stage: &Stage, direction: DVec3, time: f64) -> Option<Pose> {
-    let (look_at, lens) = (stage.look_at(), Lens { fov_x_rad: USUAL_FOV_X_RAD, size: drawn_size().ok()? });
-    let elevation_deg = direction.z.asin().to_degrees();
-    let camera = Orbit { views: 1, elevation_deg, look_at, lens }.cameras().ok()?.views.first()?.camera;
-    let camera = camera.around(look_at.target, DMat3::from_axis_angle(look_at.up, direction.y.atan2(direction.x)));
-    Pose::of_camera(&camera, narrow(time), stage.middle())
 }
 
 /// A frame at a size at which the asset may be as large as in the small pictures.
@@ -414,9 +394,10 @@ impl Level {
         let ([across, down], likeness) = best?;
         let of_width = |at: i64, side: i64| (at as f64 - side as f64 / 2.0) / width as f64;
         // The lens stays the usual one: what differs is how large the asset appears.
-        let size = seen.pose.size + self.larger();
+        let larger = self.larger();
+        let size = seen.pose.size + larger;
         let shift = [of_width(across, width), of_width(down, height)];
-        Some(Guess { pose: Pose { shift, size, ..seen.pose }, likeness })
+        Some(Guess { pose: Pose { shift, size, ..seen.pose }, larger, likeness })
     }
 
     /// Correlation of gradients with the picture's upper left corner at a pixel, before the background with which that

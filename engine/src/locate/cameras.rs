@@ -1,7 +1,7 @@
 //! What was found of some frames as the cameras of all.
 
 use super::film::Track;
-use super::pose::{Middle, Pose};
+use super::pose::Pose;
 use super::reading::Reading;
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
@@ -15,12 +15,12 @@ impl Track {
     ///
     /// # Errors
     /// Never for what was read of a film.
-    pub fn cameras(&self, reading: &Reading, middle: Middle) -> Result<Option<CameraSet>, EngineError> {
+    pub fn cameras(&self, reading: &Reading) -> Result<Option<CameraSet>, EngineError> {
         let mut views = Vec::new();
         for frame in 0..reading.frames {
             let (at, beyond) = (frame / reading.every, frame % reading.every);
             let Some(pose) = self.pose(at, beyond as f64 / reading.every as f64) else { return Ok(None) };
-            let camera = pose.camera(middle, FrameSize::new(reading.picture.width, reading.picture.height)?);
+            let camera = pose.camera(FrameSize::new(reading.picture.width, reading.picture.height)?);
             let camera = if self.is_mirrored { camera.mirrored() } else { camera };
             views.push(View {
                 name: format!("frame_{frame:05}"),

@@ -12,6 +12,7 @@ use super::search::{SCANNED, TIED, anywhere, with_lens};
 use super::shots::{is_same, shots};
 use super::so_far::{Begun, Exactly, First, SoFar};
 use super::stage::{Making, Stage};
+use super::views::Vantage;
 use crate::base::digest::Digest;
 use crate::base::observer::{Observer, Progress};
 use crate::base::spread::spread;
@@ -93,7 +94,7 @@ impl Track {
 pub struct Locator {
     pub(super) stage: Stage,
     bank: Bank,
-    original: Digest,
+    sought: Digest,
 }
 
 impl Locator {
@@ -101,16 +102,16 @@ impl Locator {
     ///
     /// # Errors
     /// When memory runs out or the device fails.
-    pub fn new(device: &Device, model: &Model) -> Result<Self, EngineError> {
-        let mut stage = Stage::new(device, model)?;
-        let bank = Bank::new(&mut stage)?;
-        Ok(Self { stage, bank, original: model.digest() })
+    pub fn new(device: &Device, model: &Model, vantage: Vantage<'_>) -> Result<Self, EngineError> {
+        let mut stage = Stage::new(device, model, vantage.about())?;
+        let bank = Bank::new(&mut stage, vantage)?;
+        Ok(Self { stage, bank, sought: vantage.digest_of(model) })
     }
 
-    /// Hash of the asset.
+    /// Hash of what is looked for.
     #[must_use]
-    pub fn original(&self) -> Digest {
-        self.original
+    pub fn sought(&self) -> Digest {
+        self.sought
     }
 
     /// The asset.

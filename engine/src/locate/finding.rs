@@ -115,14 +115,14 @@ impl Locator {
             observer.observe(Progress { stage: "reading the film", done: read, total: None })
         })?;
         // Of the same pictures of another size, too.
-        let identity = Digest::of(format!("{} {} {:?}", self.original(), reading.digest(), reading.picture).as_bytes());
+        let identity = Digest::of(format!("{} {} {:?}", self.sought(), reading.digest(), reading.picture).as_bytes());
         let so_far = match kept {
             Some(Kept { path, goes_on: true }) => SoFar::read(path, identity)?,
             _ => SoFar::default(),
         };
         let mut keep = |so_far: &SoFar| kept.map_or(Ok(()), |kept| so_far.write(kept.path, identity));
         let track = self.locate_from(so_far, model, &reading.pictures, observer, &mut keep)?;
-        let cameras = track.cameras(&reading, self.stage().middle())?;
+        let cameras = track.cameras(&reading)?;
         let mut gap = None;
         if track.is_found() {
             self.stage.set_rough(false);

@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::base::numbers::narrow;
 use crate::scene::Gaussians;
 use crate::scene::ellipsoid::{covariance, of_covariance};
-use crate::scene::gaussians::SH_FLOATS;
+use crate::scene::gaussians::{SH_FLOATS, opacity_of};
 
 /// The most that one splat covers: as opaque as renderers draw any.
 const MOST_OPAQUE: f64 = 0.99;
@@ -70,8 +70,7 @@ impl Sum {
 
     fn add(&mut self, splats: &Gaussians, row: usize) {
         self.count += 1;
-        let opacity = 1.0 / (1.0 + f64::from(-splats.opacities[row]).exp());
-        let covered = opacity * area(splats.scales[row]);
+        let covered = opacity_of(splats.opacities[row]) * area(splats.scales[row]);
         let mean = Vector3::from(splats.means[row].map(f64::from));
         let own = covariance(splats.scales[row], splats.quats[row]);
         self.covered += covered;

@@ -17,3 +17,4 @@ pub mod shots;
 pub mod so_far;
 pub mod stage;
 pub mod thumbnail;
+pub mod views;

@@ -5,7 +5,7 @@ use super::bank::{Bank, Edges};
 use super::gray::Gray;
 use super::picture::Picture;
 use super::pose::{LENS, PARAMETERS, Pose};
-use super::stage::Stage;
+use super::stage::{About, Stage};
 use crate::error::EngineError;
 
 /// Guesses that are looked at.
@@ -43,9 +43,11 @@ const EXACT: Plan = Plan { detail: Detail::Radius(90.0), steps: 10, lens: true, 
 pub fn anywhere(stage: &mut Stage, bank: &Bank, picture: &Picture, edges: Edges) -> Result<Option<Fit>, EngineError> {
     let frame = &picture.gray;
     let longer = frame.width.max(frame.height) as f64 / frame.width as f64;
-    let lens = (longer / (2.0 * (LENS_DEG.to_radians() / 2.0).tan())).ln();
+    let usual = (longer / (2.0 * (LENS_DEG.to_radians() / 2.0).tan())).ln();
     let mut fits = Vec::new();
     for guess in bank.guesses(stage, &picture.thumbnail, edges, GUESSES)? {
+        // From within a scene what stands where matters more than how large it is.
+        let lens = if stage.about() == About::Seen { guess.lens_from_there() } else { usual };
         let blurred = align(stage, frame, &guess.through(lens), BLURRED)?;
         fits.push(align(stage, frame, &blurred.pose, COARSE)?);
     }

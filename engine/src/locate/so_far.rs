@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
+use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::align::Fit;
-use super::pose::Pose;
+use super::pose::{Middle, Pose};
 use super::stage::Making;
 use crate::base::digest::Digest;
 use crate::base::files::bad_data;
@@ -14,7 +15,7 @@ use crate::base::tensor_file::TensorFile;
 use crate::error::EngineError;
 
 /// `format` entry of a checkpoint.
-const FORMAT: &str = "guard4d.locating/2";
+const FORMAT: &str = "guard4d.locating/3";
 /// Entries of what is looked at, and of what was found, as JSON.
 const IDENTITY: &str = "identity";
 const SO_FAR: &str = "so_far";
@@ -96,21 +97,26 @@ impl SoFar {
 #[serde(into = "Bits", from = "Bits")]
 pub(super) struct Exactly(pub(super) Fit);
 
-type Bits = [u64; 13];
+type Bits = [u64; 17];
 
 impl From<Exactly> for Bits {
     fn from(Exactly(fit): Exactly) -> Self {
-        let Fit { pose: Pose { turn, shift, size, lens, time }, cost, correlation, lens_weight, tied } = fit;
+        let Fit { pose, cost, correlation, lens_weight, tied } = fit;
+        let Pose { middle: Middle { point, radius }, turn, shift: [across, down], size, lens, time } = pose;
         let [x, y, z, w] = turn.to_array();
-        [x, y, z, w, shift[0], shift[1], size, lens, time, cost, correlation, lens_weight, tied].map(f64::to_bits)
+        let middle = [point.x, point.y, point.z, radius];
+        let rest = [x, y, z, w, across, down, size, lens, time, cost, correlation, lens_weight, tied];
+        let mut bits = middle.into_iter().chain(rest).map(f64::to_bits);
+        std::array::from_fn(|_| bits.next().unwrap_or_default())
     }
 }
 
 impl From<Bits> for Exactly {
     fn from(bits: Bits) -> Self {
-        let [x, y, z, w, across, down, size, lens, time, cost, correlation, lens_weight, tied] =
+        let [px, py, pz, radius, x, y, z, w, across, down, size, lens, time, cost, correlation, lens_weight, tied] =
             bits.map(f64::from_bits);
-        let pose = Pose { turn: glam::DQuat::from_xyzw(x, y, z, w), shift: [across, down], size, lens, time };
+        let middle = Middle { point: DVec3::new(px, py, pz), radius };
+        let pose = Pose { middle, turn: DQuat::from_xyzw(x, y, z, w), shift: [across, down], size, lens, time };
         Self(Fit { pose, cost, correlation, lens_weight, tied })
     }
 }
@@ -122,8 +128,9 @@ mod tests {
 
     #[test]
     fn what_was_found_comes_back_to_the_bit_and_for_the_same_film_alone() {
-        let pose =
-            Pose { turn: glam::DQuat::from_rotation_x(0.1), shift: [0.1, -0.3], size: -1.2, lens: 0.3, time: 0.7 };
+        let middle = Middle { point: DVec3::new(0.1, 1.0 / 7.0, -2.3), radius: 0.7 };
+        let turn = DQuat::from_rotation_x(0.1);
+        let pose = Pose { middle, turn, shift: [0.1, -0.3], size: -1.2, lens: 0.3, time: 0.7 };
         let fit = Exactly(Fit { pose, cost: 1e-3, correlation: 0.9, lens_weight: f64::INFINITY, tied: 1.0 / 3.0 });
         let first = First { begun: Some(Begun { frame: 3, fit, likeness: 0.1 + 0.2 }), is_mirrored: true };
         let making = Making { viewer: Viewer::GaussianSplats3d, times: 2 };

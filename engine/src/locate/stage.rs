@@ -26,10 +26,10 @@ const FINER: u32 = 2;
 /// less opaque. A film's pixel is little to them; in small pictures those that grow as opaque as they are hide
 /// everything.
 const SMALL: Rules = Rules { dilation: 1.0 / 12.0, opacity: Opacity::Compensated, ..Rules::REFERENCE };
-/// Radius of the scene, px of a small picture, at which splats that share a pixel are one; and up to which they are:
-/// the size changes a little while a pose is aligned, and all its pictures are to be of the same splats.
-const MERGED_PX: f64 = 32.0;
-const MERGED_UP_TO_PX: f64 = 36.0;
+/// Radius of the scene, px of the smallest pictures, up to which splats that share a pixel are one.
+pub const MERGED_PX: f64 = 32.0;
+/// Side of the picture that says how far away what is seen is, px.
+const LOOK_PX: u32 = 16;
 
 /// Moments from one end to the other that are kept, and the one at the other end.
 pub const MOMENTS: u32 = 64;
@@ -44,6 +44,15 @@ const OUTLINE_PX: usize = 2;
 #[must_use]
 pub fn is_seen(clear: f32) -> bool {
     f64::from(1.0 - clear) >= COVERED
+}
+
+/// What poses are about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum About {
+    /// The asset's middle, which is before all cameras.
+    Middle,
+    /// What each camera sees: they stand within the scene, and its middle may be behind them.
+    Seen,
 }
 
 /// How a film was made.
@@ -84,8 +93,8 @@ pub struct Stage {
     device: Device,
     /// Moments on a grid, all of which are kept.
     rough_field: DeformField,
-    /// The same of fewer splats, for the smallest pictures. A scene that moves has none: to merge it at every moment
-    /// takes longer than its pictures.
+    /// The same of fewer splats, for the smallest pictures. A scene that moves has none, as to merge it at every moment
+    /// takes longer than its pictures; nor has one that is seen from within, where splats are of all sizes.
     merged_field: Option<DeformField>,
     /// What small pictures are drawn by.
     small: Renderer,
@@ -96,6 +105,7 @@ pub struct Stage {
     making: Making,
     background: [f32; 3],
     look_at: LookAt,
+    about: About,
     moves: bool,
     rough: bool,
     places: Places,
@@ -110,17 +120,17 @@ impl Stage {
     ///
     /// # Errors
     /// When memory runs out or the device fails.
-    pub fn new(device: &Device, model: &Model) -> Result<Self, EngineError> {
+    pub fn new(device: &Device, model: &Model, about: About) -> Result<Self, EngineError> {
         let rough_field = DeformField::new(device, &model.gaussians, &model.motion)?;
         let look_at = LookAt::of(model, USUAL_FOV_X_RAD);
         let middle = middle(look_at);
         let places = Places::about(middle);
-        let merged_field = match model.motion.is_still() {
-            true => {
+        let merged_field = match (&model.motion, about) {
+            (Motion::Still, About::Middle) => {
                 let fewer = merged(&model.gaussians, middle.radius / MERGED_PX);
                 Some(DeformField::new(device, &fewer, &Motion::Still)?)
             }
-            false => None,
+            _ => None,
         };
         Ok(Self {
             device: device.clone(),
@@ -132,6 +142,7 @@ impl Stage {
             making: Making::default(),
             background: model.background,
             look_at,
+            about,
             moves: !model.motion.is_still(),
             rough: true,
             places,
@@ -150,6 +161,27 @@ impl Stage {
     #[must_use]
     pub fn middle(&self) -> Middle {
         middle(self.look_at)
+    }
+
+    /// What poses are about.
+    #[must_use]
+    pub fn about(&self) -> About {
+        self.about
+    }
+
+    /// The same view about what is before its camera now, if that is what poses are about.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub fn about_what_is_seen(&mut self, pose: &Pose) -> Result<Pose, EngineError> {
+        if self.about == About::Middle {
+            return Ok(*pose);
+        }
+        let points = self.points(pose, Canvas::small(FrameSize::new(LOOK_PX, LOOK_PX)?))?;
+        let depths = points.into_iter().flatten().map(|point| pose.depth_of(point)).filter(|depth| *depth > 0.0);
+        let mut depths: Vec<f64> = depths.collect();
+        depths.sort_by(f64::total_cmp);
+        Ok(depths.get(depths.len() / 2).map_or(*pose, |depth| pose.about_depth(*depth)))
     }
 
     /// Whether time changes anything.
@@ -202,35 +234,31 @@ impl Stage {
         self.making
     }
 
-    /// What a picture shows, and by what it is drawn.
-    fn shown(&self, pose: &Pose, canvas: Canvas) -> Shown {
-        match canvas.drawn {
-            Some(_) => Shown::AsFilm(self.making.viewer),
-            None if pose.size.exp() * f64::from(canvas.size.width()) <= MERGED_UP_TO_PX => Shown::Smallest,
-            None => Shown::Small,
-        }
-    }
-
-    /// What draws it.
-    fn renderer(&mut self, shown: Shown) -> &mut Renderer {
-        match (shown, &mut self.others) {
-            (Shown::AsFilm(viewer), Some(others)) if others.viewer == viewer => &mut others.renderer,
-            (Shown::AsFilm(_), _) => &mut self.own.renderer,
-            (Shown::Small | Shown::Smallest, _) => &mut self.small,
+    /// What draws pictures that show this.
+    fn renderer(&mut self, shows: Shows) -> &mut Renderer {
+        let viewer = self.making.viewer;
+        match (shows, &mut self.others) {
+            (Shows::AsFilm(_), Some(others)) if others.viewer == viewer => &mut others.renderer,
+            (Shows::AsFilm(_), _) => &mut self.own.renderer,
+            (Shows::Small | Shows::Smallest, _) => &mut self.small,
         }
     }
 
     /// The asset at a moment, as that draws it.
-    fn splats(&mut self, time: f64, shown: Shown) -> Result<Arc<SplatState>, EngineError> {
-        match (shown, &mut self.others, &mut self.merged_field) {
-            (Shown::AsFilm(viewer), Some(others), _) if others.viewer == viewer => others.field.at(narrow(time)),
-            (Shown::Smallest, _, Some(merged)) => merged.at(narrow(time)),
+    fn splats(&mut self, time: f64, shows: Shows) -> Result<Arc<SplatState>, EngineError> {
+        let viewer = self.making.viewer;
+        match (shows, &mut self.others, &mut self.merged_field) {
+            (Shows::AsFilm(_), Some(others), _) if others.viewer == viewer => others.field.at(narrow(time)),
+            (Shows::Smallest, _, Some(merged)) => merged.at(narrow(time)),
             _ => self.at(time),
         }
     }
 
     fn drawn_at(&self, canvas: Canvas) -> Result<FrameSize, EngineError> {
-        let (size, times) = canvas.drawn.map_or((canvas.size, FINER), |film| (film, self.making.times));
+        let (size, times) = match canvas.shows {
+            Shows::AsFilm(film) => (film, self.making.times),
+            Shows::Small | Shows::Smallest => (canvas.size, FINER),
+        };
         FrameSize::new(times * size.width(), times * size.height())
     }
 
@@ -251,7 +279,7 @@ impl Stage {
         let mut rec = self.device.recorder()?;
         let mut pixels = self.device.buffer("locate.frame", plan.frame_len())?;
         let (background, frame) = (self.background, FrameMut { clip: &mut pixels, index: 0 });
-        self.renderer(self.shown(pose, canvas)).forward_linear(&mut rec, &plan, None, background, frame)?;
+        self.renderer(canvas.shows).forward_linear(&mut rec, &plan, None, background, frame)?;
         rec.submit()?;
         Ok(Pixels { values: pixels.read()?, drawn: self.drawn_at(canvas)?, size: canvas.size })
     }
@@ -263,8 +291,7 @@ impl Stage {
     pub fn points(&mut self, pose: &Pose, canvas: Canvas) -> Result<Vec<Option<DVec3>>, EngineError> {
         let (drawn_at, size) = (self.drawn_at(canvas)?, canvas.size);
         let plan = self.plan(pose, canvas)?;
-        let shown = self.shown(pose, canvas);
-        let state = self.splats(pose.time, shown)?;
+        let state = self.splats(pose.time, canvas.shows)?;
         let as_places = match self.as_places.take() {
             Some(known) if Arc::ptr_eq(&known.0, &state) => known,
             _ => {
@@ -276,7 +303,7 @@ impl Stage {
         let mut places = self.device.buffer("locate.places", plan.frame_len())?;
         let offsets = Some(Offsets { data: &as_places.1, bases: OffsetBases::All });
         let frame = FrameMut { clip: &mut places, index: 0 };
-        self.renderer(shown).forward_linear(&mut rec, &plan, offsets, [0.0; 3], frame)?;
+        self.renderer(canvas.shows).forward_linear(&mut rec, &plan, offsets, [0.0; 3], frame)?;
         rec.submit()?;
         self.as_places = Some(as_places);
         // Sums where several drawn pixels are one of the picture, which are as many for all but at the borders.
@@ -299,14 +326,13 @@ impl Stage {
     }
 
     fn plan(&mut self, pose: &Pose, canvas: Canvas) -> Result<Arc<FramePlan>, EngineError> {
-        let made_for =
-            MadeFor { pose: *pose, size: self.drawn_at(canvas)?, rough: self.rough, shown: self.shown(pose, canvas) };
+        let made_for = MadeFor { pose: *pose, canvas, making: self.making, rough: self.rough };
         if let Some((_, plan)) = self.planned.as_ref().filter(|(known, _)| *known == made_for) {
             return Ok(Arc::clone(plan));
         }
-        let state = self.splats(pose.time, made_for.shown)?;
-        let camera = pose.camera(self.middle(), made_for.size);
-        let plan = Arc::new(self.renderer(made_for.shown).plan(&state, &camera, Prune::Keep)?);
+        let state = self.splats(pose.time, canvas.shows)?;
+        let camera = pose.camera(self.drawn_at(canvas)?);
+        let plan = Arc::new(self.renderer(canvas.shows).plan(&state, &camera, Prune::Keep)?);
         self.planned = Some((made_for, Arc::clone(&plan)));
         Ok(plan)
     }
@@ -316,20 +342,9 @@ impl Stage {
 #[derive(Debug, PartialEq)]
 struct MadeFor {
     pose: Pose,
-    size: FrameSize,
+    canvas: Canvas,
+    making: Making,
     rough: bool,
-    shown: Shown,
-}
-
-/// What of the asset is in a picture.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Shown {
-    /// What a film would show, by this renderer.
-    AsFilm(Viewer),
-    /// The splats, in small.
-    Small,
-    /// So small that splats are merged.
-    Smallest,
 }
 
 fn middle(look_at: LookAt) -> Middle {
@@ -339,17 +354,40 @@ fn middle(look_at: LookAt) -> Middle {
 /// How a picture is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Canvas {
-    /// What it is.
+    /// How large it is.
     pub size: FrameSize,
-    /// The film's size, if it is drawn as the film was.
-    pub drawn: Option<FrameSize>,
+    /// What of the asset is in it.
+    pub shows: Shows,
+}
+
+/// What of the asset is in a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shows {
+    /// What a film of this size would show, drawn as the film was made.
+    AsFilm(FrameSize),
+    /// The splats, in small.
+    Small,
+    /// The same, so small that splats that share a pixel are one: the scene's radius is no more than [`MERGED_PX`].
+    Smallest,
 }
 
 impl Canvas {
-    /// Drawn finer than it is.
+    /// See [`Shows::AsFilm`].
     #[must_use]
-    pub fn fine(size: FrameSize) -> Self {
-        Self { size, drawn: None }
+    pub fn as_film(size: FrameSize, film: FrameSize) -> Self {
+        Self { size, shows: Shows::AsFilm(film) }
+    }
+
+    /// See [`Shows::Small`].
+    #[must_use]
+    pub fn small(size: FrameSize) -> Self {
+        Self { size, shows: Shows::Small }
+    }
+
+    /// See [`Shows::Smallest`].
+    #[must_use]
+    pub fn smallest(size: FrameSize) -> Self {
+        Self { size, shows: Shows::Smallest }
     }
 }
 
@@ -413,9 +451,10 @@ struct Places {
 }
 
 impl Places {
-    /// Of as much as a usual camera takes in, twice.
+    /// Of many times as much as a usual camera takes in: what is farther is a scene's sky, and numbers of 32 bits tell
+    /// places to a millionth of that.
     fn about(middle: Middle) -> Self {
-        let half = DVec3::splat(2.0 * middle.radius);
+        let half = DVec3::splat(16.0 * middle.radius);
         Self { low: middle.point - half, extent: 2.0 * half }
     }
 

@@ -25,6 +25,12 @@ pub const fn sh_bases(degree: u32) -> usize {
     rows * rows
 }
 
+/// How opaque a splat is of whose opacity this is the logit, 0 to 1.
+#[must_use]
+pub fn opacity_of(logit: f32) -> f64 {
+    1.0 / (1.0 + f64::from(-logit).exp())
+}
+
 /// Splats as a structure of arrays; all values are raw (log scales, logit opacities, any-norm quaternions).
 ///
 /// # Shapes

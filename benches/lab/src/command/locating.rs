@@ -9,6 +9,7 @@ use guard4d_engine::error::EngineError;
 use guard4d_engine::fingerprint::fidelity::{DEFAULT_PSNR_DB, strength_for};
 use guard4d_engine::fingerprint::issue::Issue;
 use guard4d_engine::locate::film::Locator;
+use guard4d_engine::locate::views::Vantage;
 use guard4d_kernels::Device;
 
 use super::host::Host;
@@ -73,7 +74,7 @@ pub(super) fn measure(
         issue = issue.with_strength(strength);
         let leaked = Leak::Copy.gaussians(&issue);
         let sought = other.as_ref().unwrap_or(&model);
-        let mut locator = Locator::new(device, sought)?;
+        let mut locator = Locator::new(device, sought, Vantage::Around)?;
         for (number, attack) in (0..args.films).flat_map(|film| args.attack.iter().map(move |attack| (film, *attack))) {
             if host.is_stopped() {
                 return Err(EngineError::Stopped);

@@ -125,7 +125,7 @@ pub fn film(
         seconds: started.elapsed().as_secs_f64(),
         ..named
     };
-    let cameras = track.cameras(&reading, locator.stage().middle())?;
+    let cameras = track.cameras(&reading)?;
     let Some(cameras) = cameras.filter(|_| track.is_found()) else { return Ok(row) };
     let located = cameras.film();
     let row = compare(case, &spoilt, &cameras.clips().concat(), row)?;

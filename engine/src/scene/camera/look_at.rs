@@ -4,7 +4,7 @@ use glam::{DMat3, DQuat, DVec3, Vec3};
 use serde::{Serialize, Serializer};
 
 use super::cameras::Camera;
-use crate::scene::gaussians::Gaussians;
+use crate::scene::gaussians::{Gaussians, opacity_of};
 use crate::scene::model::Model;
 
 /// Share of the splats' opacity that lies within the sphere that cameras take in: stray splats far out must not make
@@ -82,8 +82,7 @@ impl LookAt {
     /// nothing to see.
     #[must_use]
     pub fn around(gaussians: &Gaussians, fov_x_rad: f64) -> Self {
-        let opacity = |logit: &f32| 1.0 / (1.0 + f64::from(-logit).exp());
-        let splats = gaussians.means.iter().zip(gaussians.opacities.iter().map(opacity));
+        let splats = gaussians.means.iter().zip(gaussians.opacities.iter().map(|logit| opacity_of(*logit)));
         let all: Vec<_> = splats.map(|(mean, weight)| (Vec3::from_array(*mean).as_dvec3(), weight)).collect();
         let along = |axis: usize| quantile(all.iter().map(|(mean, weight)| (mean[axis], *weight)), 0.5);
         let (Some(x), Some(y), Some(z)) = (along(0), along(1), along(2)) else { return Self::D_NERF };
