@@ -9,10 +9,11 @@ use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{Camera, Model, Motion};
 use guard4d_kernels::Buffer;
 use guard4d_kernels::splat::SH_FLOATS;
+use guard4d_kernels::splat::bucket;
 use guard4d_kernels::splat::dc_colour::{self, BaseColours};
 use guard4d_kernels::splat::deform::{self, ALL_COLUMNS, DeformedOut, Heads, RotationUpdate};
 use guard4d_kernels::splat::hexplane::{self, Plane, Planes};
-use guard4d_kernels::splat::project::{self, Projection, View};
+use guard4d_kernels::splat::project::{self, Buckets, Projection, View};
 use guard4d_kernels::splat::rasterize::{self, BackwardScratch};
 use guard4d_kernels::splat::rules::Rules;
 use guard4d_kernels::splat::sh::{self, ShInputs, VisibleSplats};
@@ -141,6 +142,12 @@ fn plan(bench: &mut Bench, state: &SplatState, view: &View) -> Result<VisibleLis
     let mut projection = Projection::new(&bench.device, n)?;
     bench.passes(&format!("splat/project {n} splats"), Work::Bytes((120 * n) as f64, "(48 + 72)·N"), |rec| {
         project::forward(rec, view, state.raw(), n, &mut projection)
+    })?;
+    let along: Vec<u32> = (0..n).map(|row| row as u32).collect();
+    let along = bench.device.buffer_from("along", &along)?;
+    let buckets = Buckets { along, corners: [[-1.5; 3], [1.5; 3]] };
+    bench.passes(&format!("splat/bucket {n} splats"), Work::Bytes((28 * n) as f64, "(20 + 8)·N"), |rec| {
+        bucket::forward(rec, view, &buckets, n, &mut projection)
     })?;
     let mut binner = TileBinner::new(&bench.device)?;
     let (lists, _) = binner.build(view, state.raw(), n, Prune::Remove)?;

@@ -1,7 +1,7 @@
 //! Other people's renderers: what they do with the same splats, as numbers.
 //!
-//! Each preset says where its numbers come from; `tests/interop/viewers.cjs` films by the viewers themselves. What none
-//! of them models are sorts by buckets of depth, in which splats close to each other stand in any order.
+//! Each preset says where its numbers come from; `tests/interop/viewers.cjs` films by the viewers themselves. What is
+//! not modelled are the rounded positions by which `GaussianSplats3D` sorts.
 
 use std::str::FromStr;
 
@@ -81,6 +81,10 @@ impl Profile {
             Motion::Sequence(moments) => {
                 let moments = moments.iter().map(|moment| self.storage.kept(moment)).collect();
                 DeformField::new(device, &kept, &Motion::Sequence(moments))
+            }
+            // Sorts begin before anything is rounded.
+            _ if self.rules.sort_key == SortKey::Buckets => {
+                DeformField::new(device, &kept, motion)?.with_buckets_of(gaussians)
             }
             _ => DeformField::new(device, &kept, motion),
         }
@@ -178,7 +182,7 @@ fn spark() -> Profile {
 
 /// `playcanvas` 2.23.3, `build/playcanvas/src/scene/shader-lib/glsl/chunks/gsplat`: `vert/gsplatCorner.js` measures in
 /// half pixels, so that its variances are four times ours; `frag/gsplat.js` bends the falloff, and
-/// `frag/formats/containerCompactWrite.js` says what the work buffer keeps.
+/// `frag/formats/containerCompactWrite.js` says what the work buffer keeps. `scene/gsplat-unified` sorts by buckets.
 fn play_canvas() -> Profile {
     let rules = Rules {
         dilation: 0.3 / 4.0,
@@ -188,6 +192,7 @@ fn play_canvas() -> Profile {
         foot: (-4.0f32).exp(),
         max_colour: f32::INFINITY,
         min_alpha: 1.0 / BYTE,
+        sort_key: SortKey::Buckets,
         ..QUADS
     };
     let storage = Storage {
@@ -212,7 +217,8 @@ fn gaussian_splats_3d() -> Profile {
 fn super_splat() -> Profile {
     // Its target holds half floats.
     let framebuffer = Framebuffer::Floats;
-    let rules = Rules { foot: 0.0, min_alpha: QUADS.min_alpha, framebuffer, ..play_canvas().rules };
+    let sort_key = SortKey::Depth;
+    let rules = Rules { foot: 0.0, min_alpha: QUADS.min_alpha, sort_key, framebuffer, ..play_canvas().rules };
     Profile { rules, storage: Storage::EXACT }
 }
 

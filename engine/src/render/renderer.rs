@@ -6,7 +6,7 @@ use guard4d_kernels::shape::OffsetBases;
 use guard4d_kernels::splat::dc_colour;
 use guard4d_kernels::splat::project::View;
 use guard4d_kernels::splat::rasterize::{self, BackwardScratch, Frame, FrameMut};
-use guard4d_kernels::splat::rules::{Framebuffer, Rules};
+use guard4d_kernels::splat::rules::{Framebuffer, Rules, SortKey};
 use guard4d_kernels::splat::sh::{self, ShInputs};
 use guard4d_kernels::splat::tile_bin::{Prune, TileBinner};
 use guard4d_kernels::{Buffer, Device, Recorder};
@@ -65,6 +65,9 @@ impl Renderer {
     /// When the image is empty or too large, memory runs out, or the device fails.
     #[tracing::instrument(skip_all, fields(width = camera.width, height = camera.height))]
     pub fn plan(&mut self, state: &SplatState, camera: &Camera, prune: Prune) -> Result<FramePlan, EngineError> {
+        if self.rules.sort_key == SortKey::Buckets {
+            state.make_buckets(&self.device)?;
+        }
         let (lists, timings) = self.binner.build(&view(camera, self.rules), state.raw(), state.len(), prune)?;
         let plan = FramePlan::new(lists, Arc::clone(state.sh_coeffs()), state.sh_degree());
         tracing::debug!(

@@ -1,5 +1,6 @@
 //! Gaussian splats: deformation in time, projection, colours, tile lists, blending.
 
+pub mod bucket;
 pub mod dc_colour;
 pub mod deform;
 pub mod hexplane;

@@ -26,6 +26,15 @@ pub struct View {
     pub rules: Rules,
 }
 
+/// What rules go by beside depth that sort by buckets of it.
+#[derive(Debug)]
+pub struct Buckets {
+    /// Splats in the order that those of one bucket have, front to back `[N]`.
+    pub along: Buffer<u32>,
+    /// Lower and upper corner of the box that the scene is in, world units.
+    pub corners: [[f32; 3]; 2],
+}
+
 /// Splats before activation.
 #[derive(Clone, Copy, Debug)]
 pub struct RawSplats<'a> {
@@ -36,6 +45,8 @@ pub struct RawSplats<'a> {
     pub scales: &'a Buffer<f32>,
     /// Rotations w, x, y, z of any norm `[N,4]`.
     pub quats: &'a Buffer<f32>,
+    /// What rules go by that sort by buckets.
+    pub buckets: Option<&'a Buckets>,
 }
 
 /// Projected splats, in the order of the input.

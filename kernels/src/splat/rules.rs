@@ -26,6 +26,8 @@ pub enum SortKey {
     Depth,
     /// Distance to the camera.
     Distance,
+    /// Depth in buckets, more of them near the camera ([`super::bucket`]).
+    Buckets,
 }
 
 /// What a pixel does with the splat that would leave it less than 1e-4 of transmittance.

@@ -1,7 +1,8 @@
 //! Which splats each tile sees, front to back: the constant part of rendering a frame.
 
+use super::bucket;
 use super::project::{self, Projection, RawSplats, View};
-use super::rules::{Rules, Stop};
+use super::rules::{Rules, SortKey, Stop};
 use super::tile_grid::{TileGrid, pixel_workgroups, stride, workgroups};
 use crate::error::KernelError;
 use crate::registry::splat::{
@@ -237,7 +238,7 @@ impl TileBinner {
         Ok(Self { device: device.clone(), splats: None, pairs: None, tiles: None, scan, found })
     }
 
-    /// Projects, sorts and bins the splats of one view; runs at once and waits.
+    /// Projects, sorts and bins the splats of one view; runs at once and waits. Rules that sort by buckets need those.
     ///
     /// # Shapes
     /// in `splats` \[N,4\] each
@@ -289,7 +290,18 @@ impl TileBinner {
         let mut rec = self.device.recorder()?;
         let projection = &mut scratch.projection;
         project::forward(&mut rec, view, splats, job.n, projection)?;
-        radix_sort::sort(&mut rec, &mut projection.order, job.n, u32::BITS)?;
+        let bits = match (job.rules.sort_key, splats.buckets) {
+            (SortKey::Depth | SortKey::Distance, _) => u32::BITS,
+            (SortKey::Buckets, Some(buckets)) => {
+                bucket::forward(&mut rec, view, buckets, job.n, projection)?;
+                bucket::key_bits(job.n)
+            }
+            (SortKey::Buckets, None) => {
+                let (got, expected) = ("none".to_owned(), format!("[{}], as the rules sort by them", job.n));
+                return Err(KernelError::Shape { kernel: KERNEL, buffer: "buckets", got, expected });
+            }
+        };
+        radix_sort::sort(&mut rec, &mut projection.order, job.n, bits)?;
         let bind = tile_bin_count::Bind {
             geom: &projection.geom,
             tile_rects: &projection.tile_rects,

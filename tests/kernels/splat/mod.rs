@@ -1,5 +1,6 @@
 //! Tests of `splat`.
 
+mod bucket;
 mod dc_colour;
 mod deform;
 mod hexplane;

@@ -96,7 +96,7 @@ pub(crate) struct Uploaded {
 
 impl Uploaded {
     pub(crate) fn raw(&self) -> RawSplats<'_> {
-        RawSplats { means: &self.means, scales: &self.scales, quats: &self.quats }
+        RawSplats { means: &self.means, scales: &self.scales, quats: &self.quats, buckets: None }
     }
 }
 

@@ -36,7 +36,7 @@ fn on_gpu(gpu: &Device, splats: &[Vec<f32>; 3], heads: &[f32], shift: Shift) -> 
     let mut out = splats.each_ref().map(|data| gpu.buffer::<f32>("out", data.len()).expect("buffer"));
     let [out_means, out_scales, out_quats] = &mut out;
     let mut rec = gpu.recorder()?;
-    let raw = RawSplats { means: &means, scales: &scales, quats: &quats };
+    let raw = RawSplats { means: &means, scales: &scales, quats: &quats, buckets: None };
     let into = DeformedOut { means: out_means, scales: out_scales, quats: out_quats };
     apply(&mut rec, raw, &heads, shift, into)?;
     rec.submit()?;

@@ -65,6 +65,16 @@ impl DeformField {
         Ok(Self { device: device.clone(), canonical, mover, cached: Vec::new(), kept })
     }
 
+    /// What renderers go by that sort by buckets, of the canonical splats as they were before they were stored as
+    /// these. Of other moments it follows from what is stored.
+    ///
+    /// # Errors
+    /// When device memory runs out.
+    pub(in crate::render) fn with_buckets_of(self, gaussians: &Gaussians) -> Result<Self, EngineError> {
+        self.canonical.make_buckets_of(&self.device, gaussians)?;
+        Ok(self)
+    }
+
     /// Keeps at most `times` moments, at least one; the least recently used goes first.
     #[must_use]
     pub fn with_cached_times(self, times: usize) -> Self {

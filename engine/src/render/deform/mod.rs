@@ -1,5 +1,6 @@
 //! Splats at a moment in time.
 
+mod buckets;
 mod field;
 mod network;
 mod paths;

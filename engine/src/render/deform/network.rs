@@ -244,7 +244,7 @@ impl Network {
             input = &layer.output;
         }
         let heads = Heads { data: input, columns: input.len() / self.rows };
-        let raw = RawSplats { means, scales, quats };
+        let raw = RawSplats { means, scales, quats, buckets: None };
         let [means, scales, quats] = &mut self.chunk.deformed;
         deform::apply(rec, raw, heads, self.rotation, DeformedOut { means, scales, quats })?;
         match &mut self.chunk.sh {

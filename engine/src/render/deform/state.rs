@@ -1,11 +1,12 @@
 //! Splats of one moment on the device.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
-use guard4d_kernels::splat::project::RawSplats;
+use guard4d_kernels::splat::project::{Buckets, RawSplats};
 use guard4d_kernels::{Buffer, Device};
 use nalgebra::{Matrix3, Vector3};
 
+use super::buckets::buckets_of;
 use crate::error::EngineError;
 use crate::scene::Gaussians;
 use crate::scene::ellipsoid::of_covariance;
@@ -22,6 +23,8 @@ pub struct SplatState {
     pub(super) quats: Buffer<f32>,
     pub(super) sh_coeffs: Arc<Buffer<f32>>,
     sh_degree: u32,
+    /// Made when a renderer asks for them.
+    buckets: OnceLock<Buckets>,
 }
 
 impl SplatState {
@@ -39,6 +42,7 @@ impl SplatState {
             quats: device.buffer_from("scene.quats", gaussians.quats.as_flattened())?,
             sh_coeffs: Arc::new(device.buffer_from("scene.sh_coeffs", &gaussians.sh_coeffs)?),
             sh_degree: gaussians.sh_degree,
+            buckets: OnceLock::new(),
         })
     }
 
@@ -51,6 +55,7 @@ impl SplatState {
             quats: device.buffer("moment.quats", floats)?,
             sh_coeffs: Arc::clone(&canonical.sh_coeffs),
             sh_degree: canonical.sh_degree,
+            buckets: OnceLock::new(),
         })
     }
 
@@ -89,10 +94,35 @@ impl SplatState {
         })
     }
 
+    /// Makes what renderers go by that sort by buckets.
+    ///
+    /// # Errors
+    /// When device memory runs out or the device fails.
+    pub(in crate::render) fn make_buckets(&self, device: &Device) -> Result<(), EngineError> {
+        if self.buckets.get().is_none() {
+            let first = |rows: Vec<f32>| -> Vec<[f32; 3]> {
+                rows.as_chunks::<4>().0.iter().map(|[x, y, z, _]| [*x, *y, *z]).collect()
+            };
+            let (means, scales) = (first(self.means.read()?), first(self.scales.read()?));
+            // Whoever came first made the same.
+            let _ = self.buckets.set(buckets_of(device, &means, &scales)?);
+        }
+        Ok(())
+    }
+
+    /// Makes the same of the splats as they were before they were stored as these.
+    ///
+    /// # Errors
+    /// When device memory runs out.
+    pub(super) fn make_buckets_of(&self, device: &Device, gaussians: &Gaussians) -> Result<(), EngineError> {
+        let _ = self.buckets.set(buckets_of(device, &gaussians.means, &gaussians.scales)?);
+        Ok(())
+    }
+
     /// What the projection reads.
     #[must_use]
     pub fn raw(&self) -> RawSplats<'_> {
-        RawSplats { means: &self.means, scales: &self.scales, quats: &self.quats }
+        RawSplats { means: &self.means, scales: &self.scales, quats: &self.quats, buckets: self.buckets.get() }
     }
 
     /// SH coefficients at this moment `[N,16,3]`.

@@ -152,7 +152,7 @@ impl WarpField {
             input = &layer.output;
         }
         self.heads.forward(rec, input, self.rows, Activation::Identity)?;
-        let raw = RawSplats { means, scales, quats };
+        let raw = RawSplats { means, scales, quats, buckets: None };
         let [means, scales, quats] = &mut self.out;
         warp::apply(rec, raw, &self.heads.output, self.shift, DeformedOut { means, scales, quats })
     }

@@ -1,5 +1,6 @@
 //! Twins of `splat`.
 
+pub mod bucket;
 pub mod dc_colour;
 pub mod deform;
 pub mod hexplane;
