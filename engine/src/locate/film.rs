@@ -6,9 +6,10 @@ use guard4d_kernels::Device;
 
 use super::align::{Detail, Fit, Plan, Way, align, costs_of, moments};
 use super::bank::{Bank, Edges};
+use super::making::draw_as;
 use super::picture::Picture;
 use super::pose::Pose;
-use super::search::{SCANNED, TIED, anywhere, with_lens};
+use super::search::{LAST, SCANNED, TIED, anywhere, with_lens};
 use super::shots::{is_same, shots};
 use super::so_far::{Begun, Exactly, First, SoFar};
 use super::stage::{Making, Stage};
@@ -17,7 +18,6 @@ use crate::base::digest::Digest;
 use crate::base::observer::{Observer, Progress};
 use crate::base::spread::spread;
 use crate::error::EngineError;
-use crate::render::profile::Viewer;
 use crate::scene::Model;
 
 /// Likeness from which on what a search comes to is followed through its shot.
@@ -47,12 +47,6 @@ const APART_OF_USUAL: f64 = 4.0;
 /// What a place costs, of an earlier one, to be begun at instead: movement is even, and where a turn hides it pictures
 /// say little of how far along it is.
 const MUCH_BETTER: f64 = 0.6;
-/// What a picture costs, of one that is made in a likelier way, to be taken for the film's.
-const CLEARLY: f64 = 0.9;
-/// Frames of a shot that tell how it was made: of so many spread over it those that fit best, as in one that is out of
-/// place more differs by that than by any renderer.
-const MADE: usize = 3;
-const MADE_OF: usize = 9;
 /// What a frame costs, of what is usual beside it, to be looked at again; moments that are tried then.
 const DEAR: f64 = 1.4;
 const BESIDE: usize = 4;
@@ -60,10 +54,9 @@ const ALIKE: usize = 3;
 
 /// Steps for a frame whose neighbour is known.
 const NEXT: Plan = Plan { detail: Detail::Radius(40.0), steps: 5, lens: false, time: true, way: Way::Small };
-/// Steps at the end: for those that tell the lens, and for all.
+/// Steps at the end, for those that tell the lens.
 const TELL: Plan = Plan { detail: Detail::Width(384), steps: 8, lens: true, time: true, way: Way::AsFilm };
 const TELL_EXACTLY: Plan = Plan { way: Way::Exact, ..TELL };
-pub(super) const LAST: Plan = Plan { detail: Detail::Width(384), steps: 8, lens: false, time: true, way: Way::AsFilm };
 const LAST_EXACTLY: Plan = Plan { steps: 6, way: Way::Exact, ..LAST };
 
 /// Where the frames of a film were taken.
@@ -377,39 +370,6 @@ impl Locator {
         }
         Ok(())
     }
-}
-
-/// Has the asset drawn as a film was whose frames these are: by its renderer, and at its size or at twice that and then
-/// made smaller, whichever fits clearly better than those before. Then the same once more, from where frames fit it.
-fn draw_as(stage: &mut Stage, model: &Model, frames: &[Picture], fits: &[Fit]) -> Result<(), EngineError> {
-    let mut shown: Vec<usize> = spread(frames.len(), MADE_OF).collect();
-    shown.sort_by(|a, b| fits[*a].cost.total_cmp(&fits[*b].cost));
-    shown.truncate(MADE);
-    let mut poses: Vec<Pose> = shown.iter().map(|at| fits[*at].pose).collect();
-    stage.draw_as(model, Making::default())?;
-    for _ in 0..2 {
-        for (pose, at) in poses.iter_mut().zip(&shown) {
-            *pose = align(stage, &frames[*at].gray, pose, LAST)?.pose;
-        }
-        let (mut best, mut least) = (Making::default(), f64::INFINITY);
-        // Twice as large is four times the pixels: only by whom it may be.
-        for times in [1, 2] {
-            let likely = [Viewer::Reference, best.viewer];
-            for viewer in Viewer::ALL.into_iter().filter(|viewer| times == 1 || likely.contains(viewer)) {
-                let making = Making { viewer, times };
-                stage.draw_as(model, making)?;
-                let mut cost = 0.0;
-                for (pose, at) in poses.iter().zip(&shown) {
-                    cost += costs_of(stage, &frames[*at].gray, &[*pose], LAST)?[0];
-                }
-                if cost < CLEARLY * least {
-                    (best, least) = (making, cost);
-                }
-            }
-        }
-        stage.draw_as(model, best)?;
-    }
-    Ok(())
 }
 
 /// A frame's last steps, from the first of several places unless it fits much better in another.

@@ -1,10 +1,10 @@
 //! Whether a frame is found in the same place from its other side.
 
 use super::align::align;
-use super::film::{LAST, Track, apart_px, median};
+use super::film::{Track, apart_px, median};
 use super::picture::Picture;
 use super::pose::Pose;
-use super::search::with_lens;
+use super::search::{LAST, with_lens};
 use super::stage::Stage;
 use crate::base::spread::spread;
 use crate::error::EngineError;

@@ -8,6 +8,7 @@ pub mod film;
 pub mod finding;
 pub mod gap;
 pub mod gray;
+pub mod making;
 pub mod merged;
 pub mod picture;
 pub mod pose;

@@ -34,6 +34,9 @@ const MIDDLE: Plan = Plan { detail: Detail::Radius(32.0), steps: 10, lens: true,
 const SWEEP: Plan = Plan { detail: Detail::Radius(48.0), steps: 4, lens: false, time: false, way: Way::Small };
 const FINE: Plan = Plan { detail: Detail::Radius(72.0), steps: 8, lens: true, time: true, way: Way::Small };
 
+/// Steps at the end, of a frame whose place and lens are known.
+pub(super) const LAST: Plan = Plan { detail: Detail::Width(384), steps: 8, lens: false, time: true, way: Way::AsFilm };
+
 const EXACT: Plan = Plan { detail: Detail::Radius(90.0), steps: 10, lens: true, time: true, way: Way::Exact };
 
 /// Where a frame was taken, as well as can be told from it alone; none for a bank without pictures.

@@ -1,0 +1,80 @@
+//! How a film was made: by whose renderer, and whether it was made smaller since.
+
+use super::align::{Fit, Plan, align, costs_of};
+use super::gray::Gray;
+use super::picture::Picture;
+use super::pose::Pose;
+use super::search::LAST;
+use super::stage::{Making, Stage};
+use crate::base::spread::spread;
+use crate::error::EngineError;
+use crate::render::profile::Viewer;
+use crate::scene::Model;
+
+/// What pictures cost, of those that are made in a likelier way, to be taken for the film's.
+const CLEARLY: f64 = 0.9;
+/// Frames of a shot that tell: of so many spread over it those that fit best, as in one that is out of place more
+/// differs by that than by any renderer.
+const TELLING: usize = 2;
+const TELLING_OF: usize = 9;
+/// Steps to where frames fit the reference, and from there to where they fit another one: through any lens, as that of
+/// the first guess is off and another renderer's splats may make up for it.
+const JUDGED: Plan = Plan { lens: true, steps: 10, ..LAST };
+
+/// Has the asset drawn as a film was whose frames these are: by its renderer, and at its size or at twice that and then
+/// made smaller, whichever fits clearly better than those before. Each is judged from where frames fit it: a camera
+/// makes up for some of another renderer's ways.
+///
+/// # Errors
+/// When memory runs out or the device fails.
+pub(super) fn draw_as(stage: &mut Stage, model: &Model, frames: &[Picture], fits: &[Fit]) -> Result<(), EngineError> {
+    let mut telling: Vec<usize> = spread(frames.len(), TELLING_OF).collect();
+    telling.sort_by(|a, b| fits[*a].cost.total_cmp(&fits[*b].cost));
+    telling.truncate(TELLING);
+    let frames: Vec<&Gray> = telling.iter().map(|at| &frames[*at].gray).collect();
+    stage.draw_as(model, Making::default())?;
+    let mut begun = Vec::new();
+    for (frame, at) in frames.iter().zip(telling) {
+        begun.push(align(stage, frame, &fits[at].pose, JUDGED)?.pose);
+    }
+    let mut judge = Judge { stage, model, frames, best: Making::default(), poses: begun.clone(), least: f64::INFINITY };
+    for viewer in Viewer::ALL {
+        judge.hear(Making { viewer, times: 1 }, &begun)?;
+    }
+    // Twice as large is four times the pixels: only by whom it may be, and from where it fits at its size.
+    let (likeliest, poses) = (judge.best.viewer, judge.poses.clone());
+    judge.hear(Making { viewer: Viewer::Reference, times: 2 }, &begun)?;
+    if likeliest != Viewer::Reference {
+        judge.hear(Making { viewer: likeliest, times: 2 }, &poses)?;
+    }
+    let Judge { stage, best, .. } = judge;
+    stage.draw_as(model, best)
+}
+
+/// The best so far.
+struct Judge<'a> {
+    stage: &'a mut Stage,
+    model: &'a Model,
+    frames: Vec<&'a Gray>,
+    best: Making,
+    /// From where the frames fit it.
+    poses: Vec<Pose>,
+    least: f64,
+}
+
+impl Judge<'_> {
+    /// Takes another way if frames fit it clearly better from where these poses lead, or, for larger ones, from there.
+    fn hear(&mut self, making: Making, begun: &[Pose]) -> Result<(), EngineError> {
+        self.stage.draw_as(self.model, making)?;
+        let (mut cost, mut poses) = (0.0, Vec::new());
+        for (frame, pose) in self.frames.iter().zip(begun) {
+            let pose = if making.times == 1 { align(self.stage, frame, pose, JUDGED)?.pose } else { *pose };
+            cost += costs_of(self.stage, frame, &[pose], LAST)?[0];
+            poses.push(pose);
+        }
+        if cost < CLEARLY * self.least {
+            (self.best, self.poses, self.least) = (making, poses, cost);
+        }
+        Ok(())
+    }
+}
