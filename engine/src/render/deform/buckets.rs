@@ -57,7 +57,7 @@ fn morton(within: &Box, place: [f32; 3]) -> u32 {
         let extent = high - low;
         let step = if extent > 0.0 { (at - low) * (STEPS / extent) } else { 0.0 };
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "what is no place is the first")]
-        let step = step.floor().min(STEPS - 1.0) as u32;
+        let step = step.floor().clamp(0.0, STEPS - 1.0) as u32;
         code |= (0..10).map(|bit| (step >> bit & 1) << (3 * bit + axis)).sum::<u32>();
     }
     code
