@@ -51,7 +51,7 @@ pub(crate) struct TraceArgs {
     /// Camera and time of each frame, as `render --save-cameras` and `locate` write them; once for each film
     ///
     /// Without them each film is looked at as `locate` does. That sees the film and the original alone, and no key.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "near")]
     cameras: Vec<PathBuf>,
     /// Where no cameras are given: look at this many frames of each film at most, evenly spread
     #[arg(long, value_name = "N", default_value_t = NonZeroU32::new(DEFAULT_FRAMES).expect("more than none"))]

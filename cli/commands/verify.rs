@@ -109,14 +109,14 @@ pub(crate) struct VerifyArgs {
     ///
     /// There have to be as many of them as frames are read, view by view as `render` films them, or one. Cameras that
     /// were tried until the film read best have to be counted by --claims.
-    #[arg(long, requires = "original")]
+    #[arg(long, requires = "original", conflicts_with = "near")]
     known_cameras: bool,
     /// With --original: do not look for where films were taken
     ///
     /// Where the message alone does not prove it and no --cameras are given, the film is located as `locate` does, and
     /// the message is read beside the original, and the owner's chips, which takes minutes. These are the second and
     /// third of three readings either way.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "near")]
     no_locate: bool,
     #[command(flatten)]
     near: NearArgs,

@@ -31,7 +31,9 @@ fn a_view_is_the_same_about_another_middle() {
     let size = FrameSize::new(320, 200).expect("a size");
     let seen = pose().about_depth(4.0);
     assert!((seen.depth() - 4.0).abs() < 1e-12 && seen.shift.iter().all(|shift| shift.abs() < 1e-12), "{seen:?}");
-    assert!((seen.depth_of(seen.middle.point) - 4.0).abs() < 1e-12 && pose().depth_of(seen.position()).abs() < 1e-12);
+    let position = seen.camera(size).position().as_dvec3();
+    // Cameras hold 32-bit floats.
+    assert!((seen.depth_of(seen.middle.point) - 4.0).abs() < 1e-12 && pose().depth_of(position).abs() < 1e-5);
     // Numbers of 32 bits.
     let [a, b] = [pose(), seen].map(|pose| pose.camera(size).world_to_camera);
     assert!(a.abs_diff_eq(b, 1e-6), "{a} and {b}");
@@ -40,11 +42,11 @@ fn a_view_is_the_same_about_another_middle() {
     // Steps between views that are about different middles lead there, too.
     let [a, b] = [moved, seen.moved(&moved.since(&seen))].map(|pose| pose.camera(size).world_to_camera);
     assert!(a.abs_diff_eq(b, 1e-5), "{a} and {b}");
-    let behind = Middle { point: seen.position() - pose().turn.inverse() * DVec3::Z, ..MIDDLE };
+    let behind = Middle { point: position - pose().turn.inverse() * DVec3::Z, ..MIDDLE };
     assert!(pose().about(behind).size > pose().size + 2.0, "what is behind is as if it were before the lens");
-    let standing = Pose::standing(seen.position(), seen.turn, seen.lens, seen.time);
+    let standing = Pose::standing(position, seen.turn, seen.lens, seen.time);
     let [a, b] = [standing, seen].map(|pose| pose.camera(size).world_to_camera);
-    assert!(a.abs_diff_eq(b, 1e-6), "{a} and {b}");
+    assert!(a.abs_diff_eq(b, 1e-5), "{a} and {b}");
 }
 
 #[test]

@@ -49,7 +49,9 @@ struct Seen {
 impl Seen {
     /// None of a view in which nothing is seen.
     fn of(stage: &mut Stage, pose: Pose) -> Result<Option<Self>, EngineError> {
-        let pixels = stage.draw_pixels(&pose, Canvas::smallest(drawn_size()?))?;
+        let canvas = Canvas::smallest(drawn_size()?);
+        let pixels = stage.draw_pixels(&pose, canvas)?;
+        let pose = stage.about_what_is_seen_in(canvas, &pose)?;
         let (drawn, clear) = (pixels.thumbnail(), pixels.clear());
         let looks = SIDES_PX.map(|side| Look::of(&drawn, &clear, side));
         Ok(looks.iter().all(|look| look.products.size() > f32::EPSILON).then_some(Self { pose, looks }))
@@ -198,7 +200,7 @@ impl Bank {
     /// When memory runs out or the device fails.
     pub fn new(stage: &mut Stage, vantage: Vantage<'_>) -> Result<Self, EngineError> {
         let mut seen = Vec::new();
-        for pose in vantage.views(stage)? {
+        for pose in vantage.views(stage) {
             seen.extend(Seen::of(stage, pose)?);
         }
         Ok(Self { seen })

@@ -18,7 +18,8 @@ const CLEARLY: f64 = 0.9;
 const TELLING: usize = 2;
 const TELLING_OF: usize = 9;
 /// Steps to where frames fit the reference, and from there to where they fit another one: through any lens, as that of
-/// the first guess is off and another renderer's splats may make up for it.
+/// the first guess is off and another renderer's splats may make up for it. The reference goes on from there like any
+/// other, as none may have had fewer.
 const JUDGED: Plan = Plan { lens: true, steps: 10, ..LAST };
 
 /// Has the asset drawn as a film was whose frames these are: by its renderer, and at its size or at twice that and then

@@ -81,17 +81,11 @@ impl Pose {
     #[must_use]
     pub fn of_camera(camera: &Camera, time: f32, middle: Middle) -> Option<Self> {
         let to_camera = camera.world_to_camera.as_dmat4();
+        let turn = DQuat::from_mat3(&DMat3::from_mat4(to_camera)).normalize();
+        let lens = (f64::from(camera.fx) / f64::from(camera.width)).ln();
+        let here = Self::standing(camera.position().as_dvec3(), turn, lens, f64::from(time));
         let seen = to_camera.transform_point3(middle.point);
-        let focal = f64::from(camera.fx) / f64::from(camera.width);
-        let nothing = Self {
-            middle,
-            turn: DQuat::from_mat3(&DMat3::from_mat4(to_camera)).normalize(),
-            shift: [0.0; 2],
-            size: 0.0,
-            lens: focal.ln(),
-            time: f64::from(time),
-        };
-        (seen.z > 0.0).then(|| nothing.with_centre(seen))
+        (seen.z > 0.0).then(|| Self { middle, ..here }.with_centre(seen))
     }
 
     /// The same view with the middle here in camera space, before the camera.
@@ -122,12 +116,6 @@ impl Pose {
         let point = self.middle.point + self.turn.inverse() * (DVec3::Z * depth - self.centre());
         let radius = depth * TAKEN_IN / self.lens.exp();
         self.about(Middle { point, radius })
-    }
-
-    /// Where the camera is, world units.
-    #[must_use]
-    pub fn position(&self) -> DVec3 {
-        self.middle.point - self.turn.inverse() * self.centre()
     }
 
     /// Depth of a point, world units; negative behind the camera.

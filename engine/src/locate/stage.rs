@@ -30,6 +30,9 @@ const SMALL: Rules = Rules { dilation: 1.0 / 12.0, opacity: Opacity::Compensated
 pub const MERGED_PX: f64 = 32.0;
 /// Side of the picture that says how far away what is seen is, px.
 const LOOK_PX: u32 = 16;
+/// How far places are told apart, in radii of what a usual camera takes in: what is farther is a scene's sky, and
+/// numbers of 32 bits tell places to a millionth of that.
+const FAR: f64 = 16.0;
 
 /// Moments from one end to the other that are kept, and the one at the other end.
 pub const MOMENTS: u32 = 64;
@@ -174,10 +177,19 @@ impl Stage {
     /// # Errors
     /// When memory runs out or the device fails.
     pub fn about_what_is_seen(&mut self, pose: &Pose) -> Result<Pose, EngineError> {
+        self.about_what_is_seen_in(Canvas::small(FrameSize::new(LOOK_PX, LOOK_PX)?), pose)
+    }
+
+    /// The same by a picture that was drawn from there, or will be: most of what pictures take is what is alike in
+    /// both.
+    ///
+    /// # Errors
+    /// When memory runs out or the device fails.
+    pub fn about_what_is_seen_in(&mut self, canvas: Canvas, pose: &Pose) -> Result<Pose, EngineError> {
         if self.about == About::Middle {
             return Ok(*pose);
         }
-        let points = self.points(pose, Canvas::small(FrameSize::new(LOOK_PX, LOOK_PX)?))?;
+        let points = self.points(pose, canvas)?;
         let depths = points.into_iter().flatten().map(|point| pose.depth_of(point)).filter(|depth| *depth > 0.0);
         let mut depths: Vec<f64> = depths.collect();
         depths.sort_by(f64::total_cmp);
@@ -451,10 +463,8 @@ struct Places {
 }
 
 impl Places {
-    /// Of many times as much as a usual camera takes in: what is farther is a scene's sky, and numbers of 32 bits tell
-    /// places to a millionth of that.
     fn about(middle: Middle) -> Self {
-        let half = DVec3::splat(16.0 * middle.radius);
+        let half = DVec3::splat(FAR * middle.radius);
         Self { low: middle.point - half, extent: 2.0 * half }
     }
 

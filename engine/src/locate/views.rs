@@ -7,7 +7,6 @@ use super::stage::{About, Stage};
 use crate::base::digest::Digest;
 use crate::base::numbers::narrow;
 use crate::base::spread::spread;
-use crate::error::EngineError;
 use crate::scene::camera::paths::{Lens, Orbit, USUAL_FOV_X_RAD};
 use crate::scene::{Camera, FrameSize, Model};
 
@@ -56,12 +55,9 @@ impl<'a> Vantage<'a> {
     }
 
     /// The views of square pictures through a usual lens.
-    ///
-    /// # Errors
-    /// When memory runs out or the device fails.
-    pub(super) fn views(self, stage: &mut Stage) -> Result<Vec<Pose>, EngineError> {
+    pub(super) fn views(self, stage: &Stage) -> Vec<Pose> {
         match self {
-            Self::Around => Ok(all_around(stage)),
+            Self::Around => all_around(stage),
             Self::Near(cameras) => near(stage, cameras),
         }
     }
@@ -105,16 +101,13 @@ fn from_outside(stage: &Stage, direction: DVec3, time: f64) -> Option<Pose> {
 
 /// Views as the cameras have them, and all around from some of their places. A scene is looked at from within at one
 /// moment in each: most of it is still.
-fn near(stage: &mut Stage, cameras: &[Camera]) -> Result<Vec<Pose>, EngineError> {
+fn near(stage: &Stage, cameras: &[Camera]) -> Vec<Pose> {
     let up = -cameras.iter().map(|camera| camera.axes()[1]).sum::<DVec3>();
     let own = spread(cameras.len(), OWN_VIEWS).map(|number| Standing::of(&cameras[number]));
     let around = apart(cameras).into_iter().flat_map(|place| Standing::of(&cameras[place]).around(up));
-    let mut views = Vec::new();
-    for (moment, standing) in (0..MOMENTS).cycle().zip(own.chain(around)) {
-        let moment = if stage.moves() { moment } else { 0 };
-        views.push(stage.about_what_is_seen(&standing.pose(time_of(moment)))?);
-    }
-    Ok(views)
+    let moment_of = |moment| if stage.moves() { moment } else { 0 };
+    let each = (0..MOMENTS).cycle().zip(own.chain(around));
+    each.map(|(moment, standing)| standing.pose(time_of(moment_of(moment)))).collect()
 }
 
 /// Cameras that stand far apart: each is farthest from those before it.

@@ -83,7 +83,7 @@ impl Profile {
                 DeformField::new(device, &kept, &Motion::Sequence(moments))
             }
             // Sorts begin before anything is rounded.
-            _ if self.rules.sort_key == SortKey::Buckets => {
+            Motion::Still if self.rules.sort_key == SortKey::Buckets => {
                 DeformField::new(device, &kept, motion)?.with_buckets_of(gaussians)
             }
             _ => DeformField::new(device, &kept, motion),

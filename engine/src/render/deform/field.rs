@@ -65,13 +65,13 @@ impl DeformField {
         Ok(Self { device: device.clone(), canonical, mover, cached: Vec::new(), kept })
     }
 
-    /// What renderers go by that sort by buckets, of the canonical splats as they were before they were stored as
-    /// these. Of other moments it follows from what is stored.
+    /// What renderers go by that sort by buckets, of a still asset's splats as they were before they were stored as
+    /// these. Of a moment of one that moves it follows from what is stored.
     ///
     /// # Errors
     /// When device memory runs out.
     pub(in crate::render) fn with_buckets_of(self, gaussians: &Gaussians) -> Result<Self, EngineError> {
-        self.canonical.make_buckets_of(&self.device, gaussians)?;
+        self.canonical.make_buckets_of(&self.device, &gaussians.means, &gaussians.scales)?;
         Ok(self)
     }
 

@@ -104,18 +104,23 @@ impl SplatState {
                 rows.as_chunks::<4>().0.iter().map(|[x, y, z, _]| [*x, *y, *z]).collect()
             };
             let (means, scales) = (first(self.means.read()?), first(self.scales.read()?));
-            // Whoever came first made the same.
-            let _ = self.buckets.set(buckets_of(device, &means, &scales)?);
+            self.make_buckets_of(device, &means, &scales)?;
         }
         Ok(())
     }
 
-    /// Makes the same of the splats as they were before they were stored as these.
+    /// Makes the same of means and log scales as they were before they were stored as these.
     ///
     /// # Errors
     /// When device memory runs out.
-    pub(super) fn make_buckets_of(&self, device: &Device, gaussians: &Gaussians) -> Result<(), EngineError> {
-        let _ = self.buckets.set(buckets_of(device, &gaussians.means, &gaussians.scales)?);
+    pub(super) fn make_buckets_of(
+        &self,
+        device: &Device,
+        means: &[[f32; 3]],
+        scales: &[[f32; 3]],
+    ) -> Result<(), EngineError> {
+        // Whoever came first made the same.
+        let _ = self.buckets.set(buckets_of(device, means, scales)?);
         Ok(())
     }
 
