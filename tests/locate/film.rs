@@ -1,7 +1,7 @@
 //! Frames of films are found whatever else they show.
 
 use guard4d_engine::base::observer::{Progress, Unobserved};
-use guard4d_engine::locate::film::{Locator, apart_px};
+use guard4d_engine::locate::film::Locator;
 use guard4d_engine::locate::picture::Picture;
 use guard4d_engine::locate::pose::Pose;
 use guard4d_engine::locate::so_far::SoFar;
@@ -122,7 +122,7 @@ fn another_renderer_is_told_and_frames_are_fitted_by_it() {
         let track = locator.locate(&model, &[looked_at(&film)], &mut Unobserved).expect("it looks");
         assert_eq!(track.making, Making { viewer, times: 1 }, "of {}", viewer.name());
         let fit = track.frames[0].unwrap_or_else(|| panic!("{} is not found: {:?}", viewer.name(), track.guess));
-        let apart = apart_px(&Pose { lens: truth.lens, ..fit.pose }, &truth, f64::from(WIDTH_PX));
+        let apart = Pose { lens: truth.lens, ..fit.pose }.apart_px(&truth, f64::from(WIDTH_PX));
         // As the film was drawn, all but what the lens leaves open; by the reference it is ten times as much.
         assert!(apart < 0.1, "{}: {apart} px", viewer.name());
     }
@@ -150,7 +150,7 @@ fn a_logo_and_what_is_behind_the_asset_do_not_hide_it() {
         let track = locator.locate(&model, &[looked_at(film)], &mut Unobserved).expect("it looks");
         let fit = track.frames[0].unwrap_or_else(|| panic!("{name} hides it: {:?}", track.guess));
         // A single frame tells its lens less well than what it shows.
-        let apart = apart_px(&Pose { lens: truth.lens, ..fit.pose }, &truth, f64::from(WIDTH_PX));
+        let apart = Pose { lens: truth.lens, ..fit.pose }.apart_px(&truth, f64::from(WIDTH_PX));
         assert!(apart < 1.5, "{name}: {apart} px: {:?} for {truth:?}", fit.pose);
         assert!(fit.correlation > 0.8, "{name}: {}", fit.correlation);
     }

@@ -1,7 +1,7 @@
 //! What is found from either side is in one place, and that is seen where it is not.
 
 use guard4d_engine::locate::align::Fit;
-use guard4d_engine::locate::film::{Track, apart_px};
+use guard4d_engine::locate::film::Track;
 use guard4d_engine::locate::gap::gap_px;
 use guard4d_engine::locate::picture::Picture;
 use guard4d_engine::locate::pose::{PARAMETERS, Pose};
@@ -55,7 +55,7 @@ fn frames_are_found_in_one_place_from_either_side_or_it_is_seen() {
 
     // Cameras that are beside the true ones are led back.
     let beside: Vec<Pose> = truth.iter().map(|pose| pose.moved(&step(1, 0.0, 0.01))).collect();
-    let expected = apart_px(&beside[1], &truth[1], f64::from(WIDTH_PX));
+    let expected = beside[1].apart_px(&truth[1], f64::from(WIDTH_PX));
     let seen = gap(&frames, &track(&beside, false)).expect("as many frames");
     assert!((seen - expected).abs() < 0.2 && expected > 2.0, "{seen} px seen of {expected}");
 

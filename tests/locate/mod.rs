@@ -6,6 +6,7 @@ mod cameras;
 mod film;
 mod gap;
 mod gray;
+mod mend;
 mod merged;
 mod picture;
 mod pose;

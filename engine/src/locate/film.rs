@@ -4,18 +4,21 @@ use std::ops::Range;
 
 use guard4d_kernels::Device;
 
-use super::align::{Detail, Fit, Plan, Way, align, costs_of, moments};
+use super::align::{Fit, align, moments};
 use super::bank::{Bank, Edges};
 use super::making::draw_as;
 use super::picture::Picture;
 use super::pose::Pose;
-use super::search::{LAST, SCANNED, TIED, anywhere, with_lens};
+use super::search::{NEAR, NEXT, SCANNED, TELL, anywhere};
+use super::settle::settle;
 use super::shots::{is_same, shots};
 use super::so_far::{Begun, Exactly, First, SoFar};
 use super::stage::{Making, Stage};
 use super::views::Vantage;
+use super::work::Work;
 use crate::base::digest::Digest;
-use crate::base::observer::{Observer, Progress};
+use crate::base::numbers::median;
+use crate::base::observer::Observer;
 use crate::base::spread::spread;
 use crate::error::EngineError;
 use crate::scene::Model;
@@ -37,27 +40,6 @@ const SEARCHED: usize = 16;
 /// How often a shot of which nothing is known is looked for in a frame before it is given up; in another each time, if
 /// there are as many.
 const TRIES: usize = 6;
-/// How far the next frame's moment may be from where it is looked for: so much, and as far as that is from the last.
-const NEAR: f64 = 0.06;
-/// Frames of a shot that tell its lens.
-const TELLING: usize = 10;
-/// How far a frame is from between its neighbours to be looked at again: in pixels, and of what is usual.
-const APART_PX: f64 = 2.0;
-const APART_OF_USUAL: f64 = 4.0;
-/// What a place costs, of an earlier one, to be begun at instead: movement is even, and where a turn hides it pictures
-/// say little of how far along it is.
-const MUCH_BETTER: f64 = 0.6;
-/// What a frame costs, of what is usual beside it, to be looked at again; moments that are tried then.
-const DEAR: f64 = 1.4;
-const BESIDE: usize = 4;
-const ALIKE: usize = 3;
-
-/// Steps for a frame whose neighbour is known.
-const NEXT: Plan = Plan { detail: Detail::Radius(40.0), steps: 5, lens: false, time: true, way: Way::Small };
-/// Steps at the end, for those that tell the lens.
-const TELL: Plan = Plan { detail: Detail::Width(384), steps: 8, lens: true, time: true, way: Way::AsFilm };
-const TELL_EXACTLY: Plan = Plan { way: Way::Exact, ..TELL };
-const LAST_EXACTLY: Plan = Plan { steps: 6, way: Way::Exact, ..LAST };
 
 /// Where the frames of a film were taken.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -222,7 +204,7 @@ impl Locator {
         let mut fits: Vec<Fit> = fits.into_iter().flatten().collect();
         self.stage.set_rough(false);
         draw_as(&mut self.stage, model, frames, &fits)?;
-        self.settle(frames, &mut fits, begun.frame, work)?;
+        settle(&mut self.stage, frames, &mut fits, begun.frame, work)?;
         let usual = median(fits.iter().map(|fit| fit.correlation));
         let is_sure = |fit: &Fit| usual >= KNOWN && fit.correlation >= LEFT_OUT * usual;
         Ok(fits.into_iter().map(|fit| is_sure(&fit).then_some(fit)).collect())
@@ -293,108 +275,6 @@ impl Locator {
         let anew = anywhere(stage, &self.bank, frame, Edges::AsTheyAre)?;
         Ok(anew.filter(|fit| fit.correlation > best.correlation).unwrap_or(best))
     }
-
-    /// Brings all frames of a shot to where they fit best with one lens, and beside each other.
-    fn settle(
-        &mut self,
-        frames: &[Picture],
-        fits: &mut [Fit],
-        begun: usize,
-        work: &mut Work<'_>,
-    ) -> Result<(), EngineError> {
-        let stage = &mut self.stage;
-        let usual = median(fits.iter().map(|fit| fit.pose.lens));
-        let mut lenses = Vec::new();
-        for at in spread(frames.len(), TELLING) {
-            work.look("the lens")?;
-            let fit = align(stage, &frames[at].gray, &with_lens(fits[at].pose, usual), TELL)?;
-            let fit = if fit.tied > TIED { align(stage, &frames[at].gray, &fit.pose, TELL_EXACTLY)? } else { fit };
-            lenses.push(Weighed { value: fit.pose.lens, weight: fit.lens_weight });
-        }
-        let lens = weighted_median(lenses).unwrap_or(usual);
-        // From the frame that was found first to both ends: what was mended there is mended in the next, too.
-        let found = fits.to_vec();
-        let forward: Vec<usize> = (begun..frames.len()).collect();
-        let backward: Vec<usize> = (0..begun).rev().collect();
-        for way in [forward, backward] {
-            for at in way {
-                work.one("cameras refined")?;
-                let toward = |by: usize| if at > begun { at.checked_sub(by) } else { Some(at + by) };
-                let between = begun.min(at)..=begun.max(at);
-                let known = |by: usize| toward(by).filter(|other| at != begun && between.contains(other));
-                if let Some(beside) = known(1).filter(|beside| is_same(&frames[at].gray, &frames[*beside].gray)) {
-                    fits[at] = fits[beside];
-                    continue;
-                }
-                let mut starts = Vec::new();
-                if let Some(last) = known(1) {
-                    let ahead = known(2).map(|earlier| fits[last].pose.since(&fits[earlier].pose));
-                    starts.push(fits[last].pose.moved(&ahead.unwrap_or_default()));
-                    starts.push(found[at].pose.moved(&fits[last].pose.since(&found[last].pose)));
-                }
-                starts.push(found[at].pose);
-                fits[at] = last_steps(&mut self.stage, &frames[at], &starts, lens)?;
-            }
-        }
-        self.look_again(frames, fits, work)
-    }
-
-    /// Looks again at frames that are beside the way, or much less like the original than the others: from where the
-    /// way leads, and at every moment.
-    fn look_again(&mut self, frames: &[Picture], fits: &mut [Fit], work: &mut Work<'_>) -> Result<(), EngineError> {
-        let width = frames.first().map_or(0.0, |frame| frame.gray.width as f64);
-        let apart: Vec<Option<f64>> =
-            (0..fits.len()).map(|at| Some(apart_px(&fits[at].pose, &between(fits, at)?, width))).collect();
-        let far = APART_PX.max(APART_OF_USUAL * median(apart.iter().flatten().copied()));
-        for at in 0..fits.len() {
-            let beside = &fits[at.saturating_sub(BESIDE)..(at + 1 + BESIDE).min(fits.len())];
-            let dear = DEAR * median(beside.iter().map(|fit| fit.cost));
-            if !(fits[at].cost > dear || apart[at].is_some_and(|apart| apart > far)) {
-                continue;
-            }
-            work.look("frames beside the way")?;
-            let mut begun: Vec<Pose> = between(fits, at).into_iter().collect();
-            self.stage.set_rough(true);
-            let from = begun.first().copied().unwrap_or(fits[at].pose);
-            begun.extend(moments(&mut self.stage, &frames[at].gray, &from, SCANNED, 1.0)?.into_iter().take(ALIKE));
-            self.stage.set_rough(false);
-            let mut best: Option<Fit> = None;
-            for pose in begun {
-                let fit = align(&mut self.stage, &frames[at].gray, &pose, NEXT)?;
-                best = best.filter(|best| best.cost <= fit.cost).or(Some(fit));
-            }
-            if let Some(best) = best {
-                let fit = align(&mut self.stage, &frames[at].gray, &best.pose, LAST)?;
-                fits[at] = if fit.cost < fits[at].cost { fit } else { fits[at] };
-            }
-        }
-        Ok(())
-    }
-}
-
-/// A frame's last steps, from the first of several places unless it fits much better in another.
-fn last_steps(stage: &mut Stage, frame: &Picture, starts: &[Pose], lens: f64) -> Result<Fit, EngineError> {
-    let starts: Vec<Pose> = starts.iter().map(|start| with_lens(*start, lens)).collect();
-    let costs = costs_of(stage, &frame.gray, &starts, LAST)?;
-    let mut best = 0;
-    for at in 1..starts.len() {
-        best = if costs[at] < MUCH_BETTER * costs[best] { at } else { best };
-    }
-    let fit = align(stage, &frame.gray, &starts[best], LAST)?;
-    if fit.tied > TIED { align(stage, &frame.gray, &fit.pose, LAST_EXACTLY) } else { Ok(fit) }
-}
-
-/// Between the poses of a frame's neighbours, where it has two.
-fn between(fits: &[Fit], at: usize) -> Option<Pose> {
-    let (before, behind) = (fits.get(at.checked_sub(1)?)?.pose, fits.get(at + 1)?.pose);
-    Some(before.toward(&behind, 0.5))
-}
-
-/// Roughly how far two poses' pictures are apart, px of a picture of this width.
-#[must_use]
-pub fn apart_px(a: &Pose, b: &Pose, width: f64) -> f64 {
-    let steps = a.since(b).into_iter().zip(b.reach());
-    width * steps.map(|(step, reach)| (step * reach).powi(2)).sum::<f64>().sqrt()
 }
 
 /// Frames without a cut, and where they begin to be found.
@@ -402,49 +282,4 @@ struct Shot<'a> {
     model: &'a Model,
     frames: &'a [Picture],
     begun: Begun,
-}
-
-/// How far the work is, and who is told.
-struct Work<'a> {
-    done: u64,
-    total: u64,
-    observer: &'a mut dyn Observer,
-}
-
-impl Work<'_> {
-    /// Tells what is done next.
-    fn look(&mut self, stage: &str) -> Result<(), EngineError> {
-        self.observer.observe(Progress { stage, done: self.done, total: Some(self.total) })
-    }
-
-    /// Tells the same, of one of all frames' two rounds.
-    fn one(&mut self, stage: &str) -> Result<(), EngineError> {
-        self.done += 1;
-        self.look(stage)
-    }
-}
-
-/// A number and how much it counts.
-#[derive(Clone, Copy)]
-struct Weighed {
-    value: f64,
-    weight: f64,
-}
-
-/// The number on both sides of which there is as much weight; none where there is none.
-fn weighted_median(mut numbers: Vec<Weighed>) -> Option<f64> {
-    numbers.sort_by(|a, b| a.value.total_cmp(&b.value));
-    let half = 0.5 * numbers.iter().map(|number| number.weight).sum::<f64>();
-    let mut sum = 0.0;
-    numbers.into_iter().find_map(|Weighed { value, weight }| {
-        sum += weight;
-        (weight > 0.0 && sum >= half).then_some(value)
-    })
-}
-
-/// The middle one; 0 of none.
-pub(super) fn median(numbers: impl Iterator<Item = f64>) -> f64 {
-    let mut numbers: Vec<f64> = numbers.collect();
-    numbers.sort_by(f64::total_cmp);
-    numbers.get(numbers.len() / 2).copied().unwrap_or(0.0)
 }

@@ -5,12 +5,13 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::film::{Locator, Track, apart_px, median};
+use super::film::{Locator, Track};
 use super::gap::gap_px;
 use super::reading::Reading;
 use super::so_far::{Kept, SoFar};
 use super::stage::Making;
 use crate::base::digest::Digest;
+use crate::base::numbers::median;
 use crate::base::observer::{Observer, Progress};
 use crate::error::EngineError;
 use crate::media::ReadOptions;
@@ -142,7 +143,7 @@ fn report(track: &Track, reading: &Reading, gap_px: Option<f64>) -> LocateReport
     let mut apart = Vec::new();
     for trio in track.shots.iter().flat_map(|shot| track.frames[shot.clone()].windows(3)) {
         if let [Some(before), Some(at), Some(behind)] = trio {
-            apart.push(apart_px(&at.pose, &before.pose.toward(&behind.pose, 0.5), width));
+            apart.push(at.pose.apart_px(&before.pose.toward(&behind.pose, 0.5), width));
         }
     }
     LocateReport {

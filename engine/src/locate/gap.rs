@@ -1,11 +1,12 @@
 //! Whether a frame is found in the same place from its other side.
 
 use super::align::align;
-use super::film::{Track, apart_px, median};
+use super::film::Track;
 use super::picture::Picture;
 use super::pose::Pose;
 use super::search::{LAST, with_lens};
 use super::stage::Stage;
+use crate::base::numbers::median;
 use crate::base::spread::spread;
 use crate::error::EngineError;
 
@@ -34,7 +35,7 @@ pub fn gap_px(stage: &mut Stage, frames: &[Picture], track: &Track) -> Result<Op
     for Led { at, here, led } in spread(known.len(), AGAIN).map(|number| known[number]) {
         let frame = if track.is_mirrored { &frames[at].mirrored() } else { &frames[at] };
         let again = align(stage, &frame.gray, &with_lens(led, here.lens), LAST)?;
-        gaps.push(apart_px(&again.pose, &here, frame.gray.width as f64));
+        gaps.push(again.pose.apart_px(&here, frame.gray.width as f64));
     }
     Ok((!gaps.is_empty()).then(|| median(gaps.into_iter())))
 }

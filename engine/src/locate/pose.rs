@@ -195,4 +195,11 @@ impl Pose {
         let seen = 0.5 * radius;
         [seen, seen, seen, 1.0, 1.0, seen, 0.1 * seen, seen]
     }
+
+    /// Roughly how far two poses' pictures are apart, px of a picture of this width.
+    #[must_use]
+    pub fn apart_px(&self, other: &Self, width: f64) -> f64 {
+        let steps = self.since(other).into_iter().zip(other.reach());
+        width * steps.map(|(step, reach)| (step * reach).powi(2)).sum::<f64>().sqrt()
+    }
 }

@@ -22,7 +22,7 @@ const ALIKE_IN_SWEEP: usize = 5;
 
 /// How much less may be known of a moment because turns hide what moves, before the last steps are exact ones: 1.2 to
 /// 2.5 in films of usual views, 6 to 17 in those from above.
-pub(super) const TIED: f64 = 4.0;
+pub(super) const TIED: f64 = 3.0;
 
 /// Of pictures that moments are looked for in.
 pub(super) const SCANNED: Detail = Detail::Radius(24.0);
@@ -35,7 +35,14 @@ const SWEEP: Plan = Plan { detail: Detail::Radius(48.0), steps: 4, lens: false, 
 const FINE: Plan = Plan { detail: Detail::Radius(72.0), steps: 8, lens: true, time: true, way: Way::Small };
 
 /// Steps at the end, of a frame whose place and lens are known.
-pub(super) const LAST: Plan = Plan { detail: Detail::Width(384), steps: 8, lens: false, time: true, way: Way::AsFilm };
+pub(super) const LAST: Plan = Plan { lens: false, ..TELL };
+const LAST_EXACTLY: Plan = Plan { steps: 6, way: Way::Exact, ..LAST };
+/// The same for those that tell the lens.
+pub(super) const TELL: Plan = Plan { detail: Detail::Width(384), steps: 8, lens: true, time: true, way: Way::AsFilm };
+/// Steps for a frame whose neighbour is known.
+pub(super) const NEXT: Plan = Plan { detail: Detail::Radius(40.0), steps: 5, lens: false, time: true, way: Way::Small };
+/// How far its moment may be from where it is looked for: so much, and as far as that is from the last.
+pub(super) const NEAR: f64 = 0.06;
 
 const EXACT: Plan = Plan { detail: Detail::Radius(90.0), steps: 10, lens: true, time: true, way: Way::Exact };
 
@@ -72,12 +79,15 @@ pub fn anywhere(stage: &mut Stage, bank: &Bank, picture: &Picture, edges: Edges)
     }
 }
 
-/// A fit, or a better one at another moment: a turn can hide what moves, so that each moment is tried with the pose
-/// that fits there, from one to the next.
-fn at_any_moment(stage: &mut Stage, frame: &Gray, best: Fit) -> Result<Fit, EngineError> {
+/// Poses over the whole motion at which a frame fits, the best first: a turn can hide what moves, so that each moment is
+/// tried with the pose that fits there, from one to the next. For a stage that is rough.
+///
+/// # Errors
+/// When memory runs out or the device fails.
+pub(super) fn over_the_motion(stage: &mut Stage, frame: &Gray, from: Pose) -> Result<Vec<Fit>, EngineError> {
     let mut fits = Vec::new();
     for way in [-1.0, 1.0] {
-        let mut pose = best.pose;
+        let mut pose = from;
         loop {
             let time = pose.time + way / SWEPT;
             if !(0.0..=1.0).contains(&time) {
@@ -89,11 +99,18 @@ fn at_any_moment(stage: &mut Stage, frame: &Gray, best: Fit) -> Result<Fit, Engi
         }
     }
     fits.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    let mut best = best;
-    for fit in fits.iter().take(ALIKE_IN_SWEEP) {
-        let fit = align(stage, frame, &fit.pose, FINE)?;
-        best = if fit.cost < best.cost { fit } else { best };
+    fits.truncate(ALIKE_IN_SWEEP);
+    for fit in &mut fits {
+        *fit = align(stage, frame, &fit.pose, FINE)?;
     }
+    fits.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    Ok(fits)
+}
+
+/// A fit, or a better one at another moment.
+fn at_any_moment(stage: &mut Stage, frame: &Gray, best: Fit) -> Result<Fit, EngineError> {
+    let other = over_the_motion(stage, frame, best.pose)?.into_iter().next();
+    let best = other.filter(|other| other.cost < best.cost).unwrap_or(best);
     if best.tied <= TIED {
         return Ok(best);
     }
@@ -102,6 +119,15 @@ fn at_any_moment(stage: &mut Stage, frame: &Gray, best: Fit) -> Result<Fit, Engi
     stage.set_rough(true);
     // Both are compared with others, of other frames, by what is alike at the same size.
     Ok(Fit { pose: exact.pose, ..best })
+}
+
+/// A frame's last steps: exact ones where a turn hides what moves.
+///
+/// # Errors
+/// When memory runs out or the device fails.
+pub(super) fn last_steps(stage: &mut Stage, frame: &Gray, begun: &Pose) -> Result<Fit, EngineError> {
+    let fit = align(stage, frame, begun, LAST)?;
+    if fit.tied > TIED { align(stage, frame, &fit.pose, LAST_EXACTLY) } else { Ok(fit) }
 }
 
 /// The same picture through another lens: as large, from another distance.

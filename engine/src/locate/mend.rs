@@ -1,0 +1,149 @@
+//! Frames that are looked at again once their shot is known.
+
+use super::align::{Fit, align, costs_of, moments};
+use super::picture::Picture;
+use super::pose::Pose;
+use super::search::{LAST, NEAR, NEXT, SCANNED, last_steps, over_the_motion, with_lens};
+use super::shots::is_same;
+use super::stage::Stage;
+use super::work::Work;
+use crate::base::numbers::median;
+use crate::error::EngineError;
+
+/// How far a frame is from between its neighbours to be looked at again: in pixels, and of what is usual.
+const APART_PX: f64 = 2.0;
+const APART_OF_USUAL: f64 = 4.0;
+/// What a frame costs, of what is usual beside it, to be looked at again; moments that are tried then.
+const DEAR: f64 = 1.4;
+const BESIDE: usize = 4;
+const ALIKE: usize = 3;
+/// Places of a frame, over all moments, that are looked at closely.
+const CLOSER: usize = 2;
+/// What a place costs, of where a frame is, to be taken instead: coding alone makes less of a difference to so many
+/// pixels.
+const BETTER: f64 = 0.98;
+
+/// Looks again at frames that are beside the way, or much less like the original than the others: from where the
+/// way leads, and at every moment.
+pub(super) fn look_again(
+    stage: &mut Stage,
+    frames: &[Picture],
+    fits: &mut [Fit],
+    work: &mut Work<'_>,
+) -> Result<(), EngineError> {
+    let width = frames.first().map_or(0.0, |frame| frame.gray.width as f64);
+    let apart: Vec<Option<f64>> =
+        (0..fits.len()).map(|at| Some(fits[at].pose.apart_px(&between(fits, at)?, width))).collect();
+    let far = APART_PX.max(APART_OF_USUAL * median(apart.iter().flatten().copied()));
+    for at in 0..fits.len() {
+        let beside = &fits[at.saturating_sub(BESIDE)..(at + 1 + BESIDE).min(fits.len())];
+        let dear = DEAR * median(beside.iter().map(|fit| fit.cost));
+        if !(fits[at].cost > dear || apart[at].is_some_and(|apart| apart > far)) {
+            continue;
+        }
+        work.look("frames beside the way")?;
+        let mut begun: Vec<Pose> = between(fits, at).into_iter().collect();
+        stage.set_rough(true);
+        let from = begun.first().copied().unwrap_or(fits[at].pose);
+        begun.extend(moments(stage, &frames[at].gray, &from, SCANNED, 1.0)?.into_iter().take(ALIKE));
+        stage.set_rough(false);
+        let mut best: Option<Fit> = None;
+        for pose in begun {
+            let fit = align(stage, &frames[at].gray, &pose, NEXT)?;
+            best = best.filter(|best| best.cost <= fit.cost).or(Some(fit));
+        }
+        if let Some(best) = best {
+            let fit = align(stage, &frames[at].gray, &best.pose, LAST)?;
+            fits[at] = if fit.cost < fits[at].cost { fit } else { fits[at] };
+        }
+    }
+    Ok(())
+}
+
+/// Looks at the dearest frames at every moment, and where that leads elsewhere, from there at those beside them: where a
+/// turn hides what moves, a shot may be followed along a wrong way whose neighbours agree. `tell` is called before each.
+///
+/// # Errors
+/// When memory runs out or the device fails, and those of `tell`.
+pub fn over_all_moments(
+    stage: &mut Stage,
+    frames: &[Picture],
+    fits: &mut [Fit],
+    lens: f64,
+    tell: &mut dyn FnMut() -> Result<(), EngineError>,
+) -> Result<(), EngineError> {
+    let mut looked_at = vec![false; fits.len()];
+    while stage.moves() {
+        let open = (0..fits.len()).filter(|at| !looked_at[*at]);
+        let Some(at) = open.max_by(|a, b| fits[*a].cost.total_cmp(&fits[*b].cost)) else { break };
+        tell()?;
+        looked_at[at.saturating_sub(BESIDE)..(at + 1 + BESIDE).min(fits.len())].fill(true);
+        stage.set_rough(true);
+        let places = over_the_motion(stage, &frames[at].gray, fits[at].pose)?;
+        stage.set_rough(false);
+        let mut mended = false;
+        for place in places.iter().take(CLOSER) {
+            let fit = last_steps(stage, &frames[at].gray, &with_lens(place.pose, lens))?;
+            mended |= take_better(stage, &frames[at], &mut fits[at], fit)?;
+        }
+        // The others are where they are, too, if the dearest is.
+        if !mended {
+            break;
+        }
+        let [forward, backward]: [Vec<usize>; 2] = [(at + 1..fits.len()).collect(), (0..at).rev().collect()];
+        for way in [forward, backward] {
+            for next in carry(stage, frames, fits, at, &way)? {
+                looked_at[next] = true;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// From a frame on, frame by frame, as long as what is next to it is better than what was known; these frames.
+fn carry(
+    stage: &mut Stage,
+    frames: &[Picture],
+    fits: &mut [Fit],
+    from: usize,
+    way: &[usize],
+) -> Result<Vec<usize>, EngineError> {
+    let (mut last, mut earlier, mut mended) = (from, None::<Pose>, Vec::new());
+    for &at in way {
+        let frame = &frames[at].gray;
+        let begun = fits[last].pose;
+        if is_same(frame, &frames[last].gray) {
+            fits[at] = fits[last];
+        } else {
+            let ahead = earlier.map_or(begun, |earlier| begun.moved(&begun.since(&earlier)));
+            stage.set_rough(true);
+            let there = moments(stage, frame, &ahead, SCANNED, NEAR)?.first().copied().unwrap_or(ahead);
+            let near = align(stage, frame, &there, NEXT)?;
+            stage.set_rough(false);
+            let fit = last_steps(stage, frame, &with_lens(near.pose, begun.lens))?;
+            if !take_better(stage, &frames[at], &mut fits[at], fit)? {
+                break;
+            }
+            earlier = Some(begun);
+        }
+        mended.push(at);
+        last = at;
+    }
+    Ok(mended)
+}
+
+/// Takes another place of a frame if it fits clearly better there.
+fn take_better(stage: &mut Stage, frame: &Picture, known: &mut Fit, other: Fit) -> Result<bool, EngineError> {
+    let costs = costs_of(stage, &frame.gray, &[known.pose, other.pose], LAST)?;
+    let better = costs[1] < BETTER * costs[0];
+    if better {
+        *known = other;
+    }
+    Ok(better)
+}
+
+/// Between the poses of a frame's neighbours, where it has two.
+fn between(fits: &[Fit], at: usize) -> Option<Pose> {
+    let (before, behind) = (fits.get(at.checked_sub(1)?)?.pose, fits.get(at + 1)?.pose);
+    Some(before.toward(&behind, 0.5))
+}
