@@ -17,6 +17,8 @@ const CLEARLY: f64 = 0.9;
 /// differs by that than by any renderer.
 const TELLING: usize = 2;
 const TELLING_OF: usize = 9;
+/// What a picture of the first of them costs, of the best yet, beyond which the others are not asked.
+const HOPELESS: f64 = 1.5;
 /// Steps to where frames fit the reference, and from there to where they fit another one: through any lens, as that of
 /// the first guess is off and another renderer's splats may make up for it. The reference goes on from there like any
 /// other, as none may have had fewer.
@@ -38,7 +40,7 @@ pub(super) fn draw_as(stage: &mut Stage, model: &Model, frames: &[Picture], fits
     for (frame, at) in frames.iter().zip(telling) {
         begun.push(align(stage, frame, &fits[at].pose, JUDGED)?.pose);
     }
-    let mut judge = Judge { stage, model, frames, best: Making::default(), poses: begun.clone(), least: f64::INFINITY };
+    let mut judge = Judge { stage, model, frames, best: Making::default(), poses: begun.clone(), least: None };
     for viewer in Viewer::ALL {
         judge.hear(Making { viewer, times: 1 }, &begun)?;
     }
@@ -60,21 +62,36 @@ struct Judge<'a> {
     best: Making,
     /// From where the frames fit it.
     poses: Vec<Pose>,
-    least: f64,
+    least: Option<Costs>,
+}
+
+/// What pictures of the frames cost.
+#[derive(Clone, Copy)]
+struct Costs {
+    first: f64,
+    all: f64,
 }
 
 impl Judge<'_> {
     /// Takes another way if frames fit it clearly better from where these poses lead, or, for larger ones, from there.
     fn hear(&mut self, making: Making, begun: &[Pose]) -> Result<(), EngineError> {
         self.stage.draw_as(self.model, making)?;
-        let (mut cost, mut poses) = (0.0, Vec::new());
+        let (mut costs, mut poses) = (Costs { first: 0.0, all: 0.0 }, Vec::new());
         for (frame, pose) in self.frames.iter().zip(begun) {
             let pose = if making.times == 1 { align(self.stage, frame, pose, JUDGED)?.pose } else { *pose };
-            cost += costs_of(self.stage, frame, &[pose], LAST)?[0];
+            let cost = costs_of(self.stage, frame, &[pose], LAST)?[0];
+            costs = if poses.is_empty() {
+                Costs { first: cost, all: cost }
+            } else {
+                Costs { all: costs.all + cost, ..costs }
+            };
             poses.push(pose);
+            if self.least.is_some_and(|least| costs.first > HOPELESS * least.first) {
+                return Ok(());
+            }
         }
-        if cost < CLEARLY * self.least {
-            (self.best, self.poses, self.least) = (making, poses, cost);
+        if self.least.is_none_or(|least| costs.all < CLEARLY * least.all) {
+            (self.best, self.poses, self.least) = (making, poses, Some(costs));
         }
         Ok(())
     }

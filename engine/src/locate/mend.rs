@@ -1,6 +1,7 @@
 //! Frames that are looked at again once their shot is known.
 
 use super::align::{Fit, align, costs_of, moments};
+use super::gray::Gray;
 use super::picture::Picture;
 use super::pose::Pose;
 use super::search::{LAST, NEAR, NEXT, SCANNED, last_steps, over_the_motion, with_lens};
@@ -19,6 +20,8 @@ const BESIDE: usize = 4;
 const ALIKE: usize = 3;
 /// Places of a frame, over all moments, that are looked at closely.
 const CLOSER: usize = 2;
+/// How often steps begin anew from where they came to, as long as that helps: from far off they follow a bent valley.
+const ROUNDS: usize = 4;
 /// What a place costs, of where a frame is, to be taken instead: coding alone makes less of a difference to so many
 /// pixels.
 const BETTER: f64 = 0.98;
@@ -60,8 +63,9 @@ pub(super) fn look_again(
     Ok(())
 }
 
-/// Looks at the dearest frames at every moment, and where that leads elsewhere, from there at those beside them: where a
-/// turn hides what moves, a shot may be followed along a wrong way whose neighbours agree. `tell` is called before each.
+/// Looks at the dearest frames at every moment, and where that leads elsewhere, from there at those beside them: where
+/// a turn hides what moves, a shot may be followed along a wrong way whose neighbours agree. Whether any is elsewhere
+/// now. `tell` is called before each.
 ///
 /// # Errors
 /// When memory runs out or the device fails, and those of `tell`.
@@ -71,8 +75,8 @@ pub fn over_all_moments(
     fits: &mut [Fit],
     lens: f64,
     tell: &mut dyn FnMut() -> Result<(), EngineError>,
-) -> Result<(), EngineError> {
-    let mut looked_at = vec![false; fits.len()];
+) -> Result<bool, EngineError> {
+    let (mut looked_at, mut any) = (vec![false; fits.len()], false);
     while stage.moves() {
         let open = (0..fits.len()).filter(|at| !looked_at[*at]);
         let Some(at) = open.max_by(|a, b| fits[*a].cost.total_cmp(&fits[*b].cost)) else { break };
@@ -83,21 +87,25 @@ pub fn over_all_moments(
         stage.set_rough(false);
         let mut mended = false;
         for place in places.iter().take(CLOSER) {
-            let fit = last_steps(stage, &frames[at].gray, &with_lens(place.pose, lens))?;
+            let fit = all_steps(stage, &frames[at].gray, &with_lens(place.pose, lens))?;
             mended |= take_better(stage, &frames[at], &mut fits[at], fit)?;
         }
         // The others are where they are, too, if the dearest is.
         if !mended {
             break;
         }
+        any = true;
         let [forward, backward]: [Vec<usize>; 2] = [(at + 1..fits.len()).collect(), (0..at).rev().collect()];
         for way in [forward, backward] {
-            for next in carry(stage, frames, fits, at, &way)? {
-                looked_at[next] = true;
+            let mended = carry(stage, frames, fits, at, &way)?;
+            mended.iter().for_each(|next| looked_at[*next] = true);
+            // And back: those beside it may have come closer.
+            if let Some(beside) = mended.first() {
+                carry(stage, frames, fits, *beside, &[at])?;
             }
         }
     }
-    Ok(())
+    Ok(any)
 }
 
 /// From a frame on, frame by frame, as long as what is next to it is better than what was known; these frames.
@@ -120,7 +128,9 @@ fn carry(
             let there = moments(stage, frame, &ahead, SCANNED, NEAR)?.first().copied().unwrap_or(ahead);
             let near = align(stage, frame, &there, NEXT)?;
             stage.set_rough(false);
-            let fit = last_steps(stage, frame, &with_lens(near.pose, begun.lens))?;
+            let starts = [ahead, with_lens(near.pose, begun.lens)];
+            let costs = costs_of(stage, frame, &starts, LAST)?;
+            let fit = all_steps(stage, frame, &starts[usize::from(costs[1] < costs[0])])?;
             if !take_better(stage, &frames[at], &mut fits[at], fit)? {
                 break;
             }
@@ -130,6 +140,20 @@ fn carry(
         last = at;
     }
     Ok(mended)
+}
+
+/// A frame's last steps, as often as they help.
+fn all_steps(stage: &mut Stage, frame: &Gray, begun: &Pose) -> Result<Fit, EngineError> {
+    let mut fit = last_steps(stage, frame, begun)?;
+    for _ in 1..ROUNDS {
+        let next = last_steps(stage, frame, &fit.pose)?;
+        let helps = next.cost < BETTER * fit.cost;
+        fit = if next.cost < fit.cost { next } else { fit };
+        if !helps {
+            break;
+        }
+    }
+    Ok(fit)
 }
 
 /// Takes another place of a frame if it fits clearly better there.

@@ -79,25 +79,20 @@ pub fn anywhere(stage: &mut Stage, bank: &Bank, picture: &Picture, edges: Edges)
     }
 }
 
-/// Poses over the whole motion at which a frame fits, the best first: a turn can hide what moves, so that each moment is
-/// tried with the pose that fits there, from one to the next. For a stage that is rough.
+/// Poses over the whole motion at which a frame fits, the best first: a turn can hide what moves, so that each moment
+/// is tried with the pose that fits there, from one to the next, and those are looked at closer that fit better than
+/// the ones before and after. For a stage that is rough.
 ///
 /// # Errors
 /// When memory runs out or the device fails.
 pub(super) fn over_the_motion(stage: &mut Stage, frame: &Gray, from: Pose) -> Result<Vec<Fit>, EngineError> {
-    let mut fits = Vec::new();
-    for way in [-1.0, 1.0] {
-        let mut pose = from;
-        loop {
-            let time = pose.time + way / SWEPT;
-            if !(0.0..=1.0).contains(&time) {
-                break;
-            }
-            let fit = align(stage, frame, &Pose { time, ..pose }, SWEEP)?;
-            pose = fit.pose;
-            fits.push(fit);
-        }
-    }
+    let here = align(stage, frame, &from, SWEEP)?;
+    let mut before = onward(stage, frame, here.pose, -1.0)?;
+    before.reverse();
+    let all: Vec<Fit> = before.into_iter().chain([here]).chain(onward(stage, frame, here.pose, 1.0)?).collect();
+    let beside = |at: Option<usize>| at.and_then(|at| all.get(at)).map_or(f64::INFINITY, |fit| fit.cost);
+    let is_least = |at: &usize| all[*at].cost <= beside(at.checked_sub(1)).min(beside(at.checked_add(1)));
+    let mut fits: Vec<Fit> = (0..all.len()).filter(is_least).map(|at| all[at]).collect();
     fits.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     fits.truncate(ALIKE_IN_SWEEP);
     for fit in &mut fits {
@@ -105,6 +100,20 @@ pub(super) fn over_the_motion(stage: &mut Stage, frame: &Gray, from: Pose) -> Re
     }
     fits.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     Ok(fits)
+}
+
+/// Where a frame fits at each moment from a pose's on, later ones or earlier.
+fn onward(stage: &mut Stage, frame: &Gray, from: Pose, way: f64) -> Result<Vec<Fit>, EngineError> {
+    let (mut pose, mut fits) = (from, Vec::new());
+    loop {
+        let time = pose.time + way / SWEPT;
+        if !(0.0..=1.0).contains(&time) {
+            return Ok(fits);
+        }
+        let fit = align(stage, frame, &Pose { time, ..pose }, SWEEP)?;
+        pose = fit.pose;
+        fits.push(fit);
+    }
 }
 
 /// A fit, or a better one at another moment.

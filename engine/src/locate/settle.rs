@@ -28,15 +28,7 @@ pub(super) fn settle(
     begun: usize,
     work: &mut Work<'_>,
 ) -> Result<(), EngineError> {
-    let usual = median(fits.iter().map(|fit| fit.pose.lens));
-    let mut lenses = Vec::new();
-    for at in spread(frames.len(), TELLING) {
-        work.look("the lens")?;
-        let fit = align(stage, &frames[at].gray, &with_lens(fits[at].pose, usual), TELL)?;
-        let fit = if fit.tied > TIED { align(stage, &frames[at].gray, &fit.pose, TELL_EXACTLY)? } else { fit };
-        lenses.push(Weighed { value: fit.pose.lens, weight: fit.lens_weight });
-    }
-    let lens = weighted_median(lenses).unwrap_or(usual);
+    let lens = lens_of(stage, frames, fits, work)?;
     // From the frame that was found first to both ends: what was mended there is mended in the next, too.
     let found = fits.to_vec();
     let forward: Vec<usize> = (begun..frames.len()).collect();
@@ -62,7 +54,28 @@ pub(super) fn settle(
         }
     }
     look_again(stage, frames, fits, work)?;
-    over_all_moments(stage, frames, fits, lens, &mut || work.look("other moments"))
+    if over_all_moments(stage, frames, fits, lens, &mut || work.look("other moments"))? {
+        // The lens was told by frames that were elsewhere.
+        let lens = lens_of(stage, frames, fits, work)?;
+        for (frame, fit) in frames.iter().zip(fits) {
+            work.look("cameras refined")?;
+            *fit = last_steps(stage, &frame.gray, &with_lens(fit.pose, lens))?;
+        }
+    }
+    Ok(())
+}
+
+/// The lens of a shot, as some of its frames tell it.
+fn lens_of(stage: &mut Stage, frames: &[Picture], fits: &[Fit], work: &mut Work<'_>) -> Result<f64, EngineError> {
+    let usual = median(fits.iter().map(|fit| fit.pose.lens));
+    let mut lenses = Vec::new();
+    for at in spread(frames.len(), TELLING) {
+        work.look("the lens")?;
+        let fit = align(stage, &frames[at].gray, &with_lens(fits[at].pose, usual), TELL)?;
+        let fit = if fit.tied > TIED { align(stage, &frames[at].gray, &fit.pose, TELL_EXACTLY)? } else { fit };
+        lenses.push(Weighed { value: fit.pose.lens, weight: fit.lens_weight });
+    }
+    Ok(weighted_median(lenses).unwrap_or(usual))
 }
 
 /// A frame's last steps, from the first of several places unless it fits much better in another.

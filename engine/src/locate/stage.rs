@@ -96,8 +96,9 @@ pub struct Stage {
     device: Device,
     /// Moments on a grid, all of which are kept.
     rough_field: DeformField,
-    /// The same of fewer splats, for the smallest pictures. A scene that moves has none, as to merge it at every moment
-    /// takes longer than its pictures; nor has one that is seen from within, where splats are of all sizes.
+    /// The same of fewer splats, for the smallest pictures. A scene whose splats move each its own way has none, as to
+    /// merge it at every moment takes longer than its pictures; nor has one that is seen from within, where splats are
+    /// of all sizes.
     merged_field: Option<DeformField>,
     /// What small pictures are drawn by.
     small: Renderer,
@@ -129,9 +130,10 @@ impl Stage {
         let middle = middle(look_at);
         let places = Places::about(middle);
         let merged_field = match (&model.motion, about) {
-            (Motion::Still, About::Middle) => {
+            // What moves them is of places, and those of splats that are one are all but the same.
+            (Motion::Still | Motion::HexPlane(_) | Motion::Warp(_), About::Middle) => {
                 let fewer = merged(&model.gaussians, middle.radius / MERGED_PX);
-                Some(DeformField::new(device, &fewer, &Motion::Still)?)
+                Some(DeformField::new(device, &fewer, &model.motion)?.with_cached_times(MOMENTS as usize + 1))
             }
             _ => None,
         };
@@ -207,9 +209,8 @@ impl Stage {
     /// # Errors
     /// When memory runs out or the device fails.
     pub fn at(&mut self, time: f64) -> Result<Arc<SplatState>, EngineError> {
-        let moments = f64::from(MOMENTS);
         match self.rough {
-            true => self.rough_field.at(narrow((time * moments).round() / moments)),
+            true => self.rough_field.at(rough(time)),
             false => self.own.field.at(narrow(time)),
         }
     }
@@ -261,7 +262,7 @@ impl Stage {
         let viewer = self.making.viewer;
         match (shows, &mut self.others, &mut self.merged_field) {
             (Shows::AsFilm(_), Some(others), _) if others.viewer == viewer => others.field.at(narrow(time)),
-            (Shows::Smallest, _, Some(merged)) => merged.at(narrow(time)),
+            (Shows::Smallest, _, Some(merged)) => merged.at(rough(time)),
             _ => self.at(time),
         }
     }
@@ -348,6 +349,11 @@ impl Stage {
         self.planned = Some((made_for, Arc::clone(&plan)));
         Ok(plan)
     }
+}
+
+/// The nearest of the moments that are kept.
+fn rough(time: f64) -> f32 {
+    narrow((time * f64::from(MOMENTS)).round() / f64::from(MOMENTS))
 }
 
 /// What a plan was made for.
