@@ -40,7 +40,7 @@ pub(super) fn draw_as(stage: &mut Stage, model: &Model, frames: &[Picture], fits
     for (frame, at) in frames.iter().zip(telling) {
         begun.push(align(stage, frame, &fits[at].pose, JUDGED)?.pose);
     }
-    let mut judge = Judge { stage, model, frames, best: Making::default(), poses: begun.clone(), least: None };
+    let mut judge = Judge { stage, model, frames, best: Making::default(), poses: begun.clone(), least: Vec::new() };
     for viewer in Viewer::ALL {
         judge.hear(Making { viewer, times: 1 }, &begun)?;
     }
@@ -62,36 +62,26 @@ struct Judge<'a> {
     best: Making,
     /// From where the frames fit it.
     poses: Vec<Pose>,
-    least: Option<Costs>,
-}
-
-/// What pictures of the frames cost.
-#[derive(Clone, Copy)]
-struct Costs {
-    first: f64,
-    all: f64,
+    /// What each frame costs so.
+    least: Vec<f64>,
 }
 
 impl Judge<'_> {
     /// Takes another way if frames fit it clearly better from where these poses lead, or, for larger ones, from there.
     fn hear(&mut self, making: Making, begun: &[Pose]) -> Result<(), EngineError> {
         self.stage.draw_as(self.model, making)?;
-        let (mut costs, mut poses) = (Costs { first: 0.0, all: 0.0 }, Vec::new());
+        let (mut costs, mut poses) = (Vec::new(), Vec::new());
         for (frame, pose) in self.frames.iter().zip(begun) {
             let pose = if making.times == 1 { align(self.stage, frame, pose, JUDGED)?.pose } else { *pose };
-            let cost = costs_of(self.stage, frame, &[pose], LAST)?[0];
-            costs = if poses.is_empty() {
-                Costs { first: cost, all: cost }
-            } else {
-                Costs { all: costs.all + cost, ..costs }
-            };
+            costs.extend(costs_of(self.stage, frame, &[pose], LAST)?);
             poses.push(pose);
-            if self.least.is_some_and(|least| costs.first > HOPELESS * least.first) {
+            if self.least.first().is_some_and(|least| costs[0] > HOPELESS * least) {
                 return Ok(());
             }
         }
-        if self.least.is_none_or(|least| costs.all < CLEARLY * least.all) {
-            (self.best, self.poses, self.least) = (making, poses, Some(costs));
+        let all = |costs: &[f64]| costs.iter().sum::<f64>();
+        if self.least.is_empty() || all(&costs) < CLEARLY * all(&self.least) {
+            (self.best, self.poses, self.least) = (making, poses, costs);
         }
         Ok(())
     }
