@@ -3,17 +3,15 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use super::exposure::{Exposure, LEAST_DEVIATION, Levels};
 use super::gray::{Gray, correlation_where};
 use super::pose::{LENS, PARAMETERS, Pose, TIME};
 use super::stage::{Canvas, Drawn, MERGED_PX, MOMENTS, Shows, Stage, is_seen};
-use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::scene::FrameSize;
 
 /// Deviations beyond which a difference counts less (Huber): 95 % as good as least squares where errors are normal.
 const HUBER: f64 = 1.345;
-/// Least deviation of what differs, of 1: that of rounding and coding.
-const LEAST_DEVIATION: f64 = 0.004;
 /// Damping at first, and by what it changes.
 const DAMPING: f64 = 1e-3;
 const HARDER: f64 = 8.0;
@@ -29,9 +27,6 @@ const BEFORE_IT: f64 = 3.0;
 const LEAST_SEEN: f64 = 150.0;
 /// How far parameters are moved to see what they do, px.
 const PROBE_PX: f64 = 0.1;
-/// Contrast that a film of the asset may have: less is not of it, or fitted to nothing.
-const LEAST_GAIN: f64 = 0.3;
-const MOST_GAIN: f64 = 3.0;
 /// Contrast beyond which, and beyond one over which, what is alike counts less: another asset is alike where it is made
 /// faint, and no edit that leaves a film worth watching makes it so.
 const PLAUSIBLE: f64 = 0.5;
@@ -140,7 +135,7 @@ impl Compared {
         let counts: Vec<bool> =
             self.drawn.outlined().iter().zip(fits).map(|(near, fits)| *near && fits > 0.0).collect();
         let counted = counts.iter().filter(|counts| **counts).count() as f64;
-        let [gain, ..] = self.left.exposure.0;
+        let gain = self.left.exposure.gain;
         let counts_for = (counted / LEAST_SEEN).min(1.0) * (gain.min(1.0 / gain) / PLAUSIBLE).min(1.0);
         counts_for * correlation_where(film, &self.left.shown, |at| counts[at])
     }
@@ -213,7 +208,7 @@ pub fn costs_of(stage: &mut Stage, film: &Gray, poses: &[Pose], plan: Plan) -> R
         drawn.push(there.drawn);
     }
     let cost = |drawn: &Drawn| {
-        let left = difference(drawn, &target.picture, Some(bound)).residual;
+        let left = difference(drawn, &target.picture, Some(bound), target.levels()).residual;
         let left: Vec<f64> = left.into_iter().zip(&seen).filter_map(|(r, seen)| seen.then_some(r)).collect();
         if left.is_empty() { f64::INFINITY } else { cost(&left, bound) }
     };
@@ -243,7 +238,8 @@ pub fn moments(
         let time = f64::from(moment) / f64::from(MOMENTS);
         if (time - pose.time).abs() <= reach {
             let there = Pose { time, ..*pose };
-            let left = difference(&stage.draw(&there, target.canvas)?, &target.picture, Some(bound));
+            let drawn = stage.draw(&there, target.canvas)?;
+            let left = difference(&drawn, &target.picture, Some(bound), target.levels());
             tried.push(Tried { cost: cost(&left.residual, bound), pose: there });
         }
     }
@@ -416,8 +412,16 @@ impl Target {
     /// Draws the asset and takes it from the film.
     fn compare(&self, stage: &mut Stage, pose: &Pose, bound: Option<f64>) -> Result<Compared, EngineError> {
         let drawn = stage.draw(pose, self.canvas)?;
-        let left = difference(&drawn, &self.picture, bound);
+        let left = difference(&drawn, &self.picture, bound, self.levels());
         Ok(Compared { drawn, left })
+    }
+
+    /// Only what is drawn as the film was tells more of its levels than contrast and brightness.
+    fn levels(&self) -> Levels {
+        match self.canvas.shows {
+            Shows::AsFilm(_) => Levels::Bent,
+            Shows::Small | Shows::Smallest => Levels::Straight,
+        }
     }
 }
 
@@ -442,49 +446,11 @@ struct Difference {
     exposure: Exposure,
 }
 
-/// Contrast, how much brighter than in the original the background is, and brightness.
-#[derive(Clone, Copy)]
-struct Exposure([f64; 3]);
-
-impl Exposure {
-    /// The one that fits best, by weighted least squares.
-    fn fitted(drawn: &Drawn, film: &Gray, weights: &[f64]) -> Self {
-        let (mut matrix, mut right) = (SMatrix::<f64, 3, 3>::zeros(), SVector::<f64, 3>::zeros());
-        let pixels = drawn.picture.values.iter().zip(&drawn.clear.values).zip(&film.values).zip(weights);
-        for (((x, clear), y), w) in pixels {
-            let row = SVector::<f64, 3>::new(f64::from(*x), f64::from(*clear), 1.0);
-            matrix += *w * row * row.transpose();
-            right += *w * f64::from(*y) * row;
-        }
-        // As little as rounding: where the background is all or nothing of the picture it says nothing.
-        let little = weights.iter().sum::<f64>() * LEAST_DEVIATION.powi(2);
-        for i in 0..3 {
-            matrix[(i, i)] += little;
-        }
-        // From the original's own exposure.
-        right[0] += little;
-        let Some(factor) = matrix.cholesky() else { return Self([1.0, 0.0, 0.0]) };
-        let [gain, ..]: [f64; 3] = factor.solve(&right).into();
-        let held = gain.clamp(LEAST_GAIN, MOST_GAIN);
-        // The others again for the contrast that is held to.
-        let rest = SMatrix::<f64, 2, 2>::new(matrix[(1, 1)], matrix[(1, 2)], matrix[(2, 1)], matrix[(2, 2)]);
-        let left = SVector::<f64, 2>::new(right[1] - held * matrix[(1, 0)], right[2] - held * matrix[(2, 0)]);
-        let [clear, level] = rest.cholesky().map_or([0.0; 2], |factor| factor.solve(&left).into());
-        Self([held, clear, level])
-    }
-
-    fn of(self, drawn: &Drawn) -> Gray {
-        let [gain, clear, level] = self.0.map(narrow);
-        let pixels = drawn.picture.values.iter().zip(&drawn.clear.values);
-        Gray { values: pixels.map(|(x, there)| gain * x + clear * there + level).collect(), ..drawn.picture.clone() }
-    }
-}
-
 /// Takes the asset's picture from a film's, once with all pixels alike and, with a bound, once with less of those that
 /// fit worst.
-fn difference(drawn: &Drawn, film: &Gray, bound: Option<f64>) -> Difference {
+fn difference(drawn: &Drawn, film: &Gray, bound: Option<f64>, levels: Levels) -> Difference {
     let fitted = |weights: &[f64]| {
-        let exposure = Exposure::fitted(drawn, film, weights);
+        let exposure = Exposure::fitted(drawn, film, weights, levels);
         let shown = exposure.of(drawn);
         let residual = film.values.iter().zip(&shown.values).map(|(film, shown)| f64::from(film - shown)).collect();
         Difference { residual, shown, exposure }

@@ -4,6 +4,7 @@
 pub mod align;
 pub mod bank;
 pub mod cameras;
+mod exposure;
 pub mod film;
 pub mod finding;
 pub mod gap;
