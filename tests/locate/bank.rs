@@ -50,6 +50,35 @@ fn a_frame_is_found_among_small_pictures_at_any_size_and_place() {
 }
 
 #[test]
+fn a_part_of_an_asset_that_fills_a_frame_is_found() {
+    let Some(gpu) = device() else { return };
+    let scene = DemoScene::unpack().expect("the scene unpacks");
+    let mut model = Model::open(scene.path()).expect("the scene opens");
+    model.motion = Motion::Still;
+    let mut stage = Stage::new(&gpu, &model, Vantage::Around.about()).expect("it fits");
+    let bank = Bank::new(&mut stage, Vantage::Around).expect("it is drawn");
+    // A frame that is higher than wide, of which the asset's radius is two widths: nobody sees where it ends.
+    for (shift, about_x) in [([0.3, -0.4], 2.2), ([-0.2, 0.6], 1.7)] {
+        let turn = glam::DQuat::from_rotation_x(about_x) * glam::DQuat::from_rotation_z(0.9);
+        let truth = Pose { middle: stage.middle(), turn, shift, size: 0.7, lens: 0.8, time: 0.0 };
+        let canvas = Canvas::small(FrameSize::new(108, 192).expect("a size"));
+        let frame = stage.draw_pixels(&truth, canvas).expect("draws").thumbnail();
+        let guesses = bank.guesses(&mut stage, &frame, Edges::AsTheyAre, 8).expect("it looks");
+        let axis = |pose: &Pose| pose.turn.inverse() * DVec3::Z;
+        // As above, and places within a sixth of the radius, which is two widths.
+        let is_near = |pose: &Pose| {
+            let pose = pose.about(truth.middle);
+            let [x, y] = [0, 1].map(|i| (pose.shift[i] - truth.shift[i]).abs());
+            axis(&pose).dot(axis(&truth)) > 20f64.to_radians().cos()
+                && x.max(y) < 0.3
+                && (pose.size - truth.size).abs() < 0.3
+        };
+        let found = guesses.iter().position(|guess| is_near(&guess.pose));
+        assert!(found.is_some_and(|at| at < 5), "{shift:?}: {found:?} of {guesses:?}");
+    }
+}
+
+#[test]
 fn what_is_beside_the_middle_of_a_picture_is_seen_from_another_side() {
     let turn = glam::DQuat::from_rotation_x(1.9) * glam::DQuat::from_rotation_z(0.4);
     let middle = Middle { point: DVec3::new(0.1, 0.2, 0.3), radius: 1.2 };

@@ -10,6 +10,7 @@ mod mend;
 mod merged;
 mod picture;
 mod pose;
+mod reading;
 mod shots;
 mod stage;
 mod thumbnail;

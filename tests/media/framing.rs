@@ -140,3 +140,43 @@ fn what_is_no_bar_is_left_alone() {
     assert_eq!(found(&[dot]), None, "a single pixel");
     assert_eq!(found(&[]), None, "no frame");
 }
+
+/// Bars of one height leave the middle; what a thing over black shows of them is where it is cut off.
+#[test]
+fn what_is_cut_off_straight_on_one_side_tells_of_bars_on_both() {
+    let middle = |frames: &[Frame]| {
+        let mut finder = BarFinder::default();
+        frames.iter().for_each(|frame| finder.look(frame));
+        finder.middle()
+    };
+    let whole = Rect { x: 0, y: 0, width: SIZE.0, height: SIZE.1 };
+    for (rect, expected) in [
+        (RECTS[0], RECTS[0]),
+        (RECTS[2], Rect { y: 16, height: 88, ..RECTS[2] }),
+        (RECTS[3], RECTS[3]),
+        (RECTS[4], Rect { height: 100, ..RECTS[4] }),
+    ] {
+        assert_eq!(middle(&film(SIZE, rect, [0; 3])), Some(expected), "as high as the lower of two");
+    }
+    // A ball over black within black bars.
+    let ball = |bar: u32, cy: i32, r: i32| {
+        let rect = Rect { x: 0, y: bar, width: SIZE.0, height: SIZE.1 - 2 * bar };
+        framed(SIZE, rect, [0; 3], move |x, y| {
+            let (dx, dy) = (x as i32 - 80, y as i32 - cy);
+            if dx * dx + dy * dy < r * r { [180, 120, 90] } else { [0; 3] }
+        })
+    };
+    let between = Rect { x: 0, y: 14, width: 160, height: 92 };
+    assert_eq!(middle(&[ball(14, 70, 40)]), Some(between), "cut off below alone");
+    assert_eq!(middle(&[ball(14, 20, 40)]), Some(between), "cut off above alone");
+    assert_eq!(middle(&[ball(14, 46, 30), ball(14, 75, 30)]), Some(between), "cut off in one frame of two");
+    // Where nothing is cut off nothing can tell, and bars do no harm.
+    for cy in [40, 46, 52] {
+        assert_eq!(middle(&[ball(14, cy, 30)]), Some(whole), "whole, {cy}");
+    }
+    assert_eq!(middle(&[ball(0, 60, 30)]), Some(whole), "no bars");
+    assert_eq!(middle(&[ball(0, 100, 40)]), Some(whole), "no bars, and cut off by the frame");
+    let flat = Frame::new(SIZE.0, SIZE.1, vec![7; (3 * SIZE.0 * SIZE.1) as usize]).expect("the length fits");
+    assert_eq!(middle(&[flat]), Some(whole), "one colour");
+    assert_eq!(middle(&[]), None, "no frame");
+}

@@ -12,16 +12,16 @@ use super::views::{MOMENTS, Vantage};
 use crate::error::EngineError;
 use crate::scene::FrameSize;
 
-/// Sides of the small pictures, px: for a first look, for assets that are small in a frame, and for those that fill it
-/// and more.
-const SIDES_PX: [usize; 3] = [16, 24, 48];
+/// Sides of the small pictures, px: for a first look, for assets that are small in a frame, for those that fill it, and
+/// for those of which it shows a part.
+const SIDES_PX: [usize; 4] = [16, 24, 48, 96];
 /// Views that get more than a first look.
 const LOOKED_AT: usize = 200;
-/// How large an asset is, beside a usual film's, for which the larger ones are taken.
-const LARGE: f64 = 1.0;
-/// How large the asset is beside a usual film's, at least and at most: cameras from 0.6 to 1.7 times the distance, and
-/// lenses from 25 to 75 degrees.
-const SIZES: [f64; 2] = [0.25, 3.0];
+/// How large an asset is, beside a usual film's, for which the third and the fourth are taken.
+const LARGE: [f64; 2] = [1.0, 2.0];
+/// How large the asset is beside a usual film's, at least and at most, of frames' longer sides: cameras from 0.6 to 1.7
+/// times the distance, lenses from 25 to 75 degrees, and seven tenths of what they take in.
+const SIZES: [f64; 2] = [0.25, 4.1];
 /// From one size that is tried to the next.
 const SIZE_STEP: f64 = 1.22;
 /// Share of a small picture's gradients that is in the frame at least, before what is outside counts against it.
@@ -220,7 +220,7 @@ impl Bank {
     ) -> Result<Vec<Guess>, EngineError> {
         let first = Self::ranked(&pyramid(frame, edges, |_| 0), &self.seen.iter().collect::<Vec<_>>());
         let seen: Vec<&Seen> = first.into_iter().take(LOOKED_AT).map(|found| found.seen).collect();
-        let levels = pyramid(frame, edges, |size| if size >= LARGE { 2 } else { 1 });
+        let levels = pyramid(frame, edges, |size| 1 + LARGE.iter().filter(|large| size >= **large).count());
         let found = Self::ranked(&levels, &seen);
         let mut kept: Vec<Found<'_>> = Vec::new();
         for found in found {
@@ -328,12 +328,12 @@ fn pyramid(frame: &Thumbnail, edges: Edges, look_of: impl Fn(f64) -> usize) -> V
     let mut levels = Vec::new();
     let mut size = SIZES[0];
     while size <= SIZES[1] {
-        // An asset that is `size` times the usual one in a frame is as large as in a picture in a frame of this width.
+        // An asset that is `size` times the usual one in a frame is as large as in a picture in a frame of this length.
         let look = look_of(size);
-        let width = SIDES_PX[look] as f64 / size;
+        let longer = SIDES_PX[look] as f64 / size;
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some dozens of pixels")]
         let [across, down] =
-            [width, width * whole[1] as f64 / whole[0] as f64].map(|side| side.round().max(4.0) as usize);
+            whole.map(|side| (longer * side as f64 / whole[0].max(whole[1]) as f64).round().max(4.0) as usize);
         let mut pixels = gradients(&frame.resized(across, down), None);
         if edges == Edges::HeldDown {
             hold_down(&mut pixels);

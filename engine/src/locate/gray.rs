@@ -2,7 +2,6 @@
 
 use crate::media::Frame;
 use crate::media::frames::LUMA;
-use crate::media::framing::Rect;
 
 /// Range of values that codecs make of one colour.
 const PLAIN: f32 = 4.0 / 255.0;
@@ -46,14 +45,6 @@ impl Gray {
     pub fn mirrored(&self) -> Self {
         let values = self.values.chunks_exact(self.width).flat_map(|row| row.iter().rev()).copied().collect();
         Self { values, ..*self }
-    }
-
-    /// The part of the picture that `rect` names, which is inside.
-    #[must_use]
-    pub fn cut(&self, rect: Rect) -> Self {
-        let [x, y, width, height] = [rect.x, rect.y, rect.width, rect.height].map(|side| side as usize);
-        let rows = self.values.chunks_exact(self.width).skip(y).take(height);
-        Self { width, height, values: rows.flat_map(|row| &row[x..x + width]).copied().collect() }
     }
 
     /// The picture with sides of at most so many pixels.

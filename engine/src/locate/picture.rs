@@ -3,14 +3,13 @@
 use super::gray::Gray;
 use super::thumbnail::Thumbnail;
 use crate::media::Frame;
-use crate::media::framing::Rect;
 
 /// A frame in one channel, which says from where it was taken, and small and in colour, for a first guess.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     /// Luma.
     pub gray: Gray,
-    /// The same part of the frame.
+    /// The same frame.
     pub thumbnail: Thumbnail,
 }
 
@@ -25,13 +24,5 @@ impl Picture {
     #[must_use]
     pub fn mirrored(&self) -> Self {
         Self { gray: self.gray.mirrored(), thumbnail: self.thumbnail.mirrored() }
-    }
-
-    /// A part of both, which `part_of` tells from their sides.
-    #[must_use]
-    pub fn cut(&self, part_of: impl Fn([usize; 2]) -> Rect) -> Self {
-        let Self { gray, thumbnail } = self;
-        let parts = [[gray.width, gray.height], thumbnail.size()].map(part_of);
-        Self { gray: gray.cut(parts[0]), thumbnail: thumbnail.cut(parts[1]) }
     }
 }

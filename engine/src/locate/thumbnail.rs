@@ -3,7 +3,6 @@
 use super::gray::Gray;
 use crate::media::Frame;
 use crate::media::frames::LUMA;
-use crate::media::framing::Rect;
 
 /// Channels: luma, and how much bluer and redder than it a pixel is.
 pub const CHANNELS: usize = 3;
@@ -61,12 +60,6 @@ impl Thumbnail {
     #[must_use]
     pub fn mirrored(&self) -> Self {
         Self { channels: self.channels.each_ref().map(Gray::mirrored) }
-    }
-
-    /// The part of the picture that `rect` names, which is inside.
-    #[must_use]
-    pub fn cut(&self, rect: Rect) -> Self {
-        Self { channels: self.channels.each_ref().map(|channel| channel.cut(rect)) }
     }
 
     /// The picture at another size.

@@ -112,6 +112,11 @@ const BLURRED_LINES: usize = 2;
 /// Most lines by which the two bars differ: one where the picture's size is odd, and one more where chroma has half the
 /// resolution.
 const BAR_DIFFERENCE: usize = 2;
+/// How far behind a picture's outermost line another says how wide what it shows is, lines; and what share of that the
+/// outermost one has at least where a picture is cut off straight. What ends by itself over the bars' colour is round:
+/// a disk has half as much in its first line as in its fourth.
+const BEHIND_LINES: usize = 8;
+const CUT_SHARE: f64 = 0.7;
 /// Fewest lines of a bar; thinner ones are edges of a codec or a scanner, which do no harm.
 const MIN_BAR: usize = 2;
 /// Smallest share of a side that is a picture.
@@ -182,6 +187,23 @@ impl BarFinder {
         let px = |length: usize| u32::try_from(length).ok();
         Some(Rect { x: px(x)?, y: px(y)?, width: px(width)?, height: px(height)? })
     }
+
+    /// The part about the middle of frames that bars of one height on both sides leave, for those who ask where the
+    /// middle is and not where a picture ends: all of a frame that has none.
+    ///
+    /// Of a thing over black within black bars, too: what is cut off straight on one side, and is no nearer to the edge
+    /// on the other, says how high the bars of both are. Where that is not so but looks like it, nothing is cut off but
+    /// what has one luma in all frames. None where no frame was looked at.
+    #[must_use]
+    pub fn middle(&self) -> Option<Rect> {
+        if self.rows.is_empty() {
+            return None;
+        }
+        let px = |length: usize| u32::try_from(length).ok();
+        let [y, x] = [&self.rows, &self.columns].map(|lines| even_bars(lines));
+        let [height, width] = [self.rows.len() - 2 * y, self.columns.len() - 2 * x];
+        Some(Rect { x: px(x)?, y: px(y)?, width: px(width)?, height: px(height)? })
+    }
 }
 
 /// Luma of BT.709, in levels.
@@ -209,9 +231,25 @@ fn bars(lines: &[Line]) -> Option<(usize, usize)> {
     fits.then_some((before, after))
 }
 
+/// Lines of bars of one height on both sides; 0 if there are none.
+fn even_bars(lines: &[Line]) -> usize {
+    let sides = [cut_bar(lines.iter()), cut_bar(lines.iter().rev())];
+    let Some((quiet, bar)) = sides.into_iter().min_by_key(|(quiet, _)| *quiet) else { return 0 };
+    bar.filter(|bar| quiet >= MIN_BAR && lines.len() as f64 * (1.0 - MIN_PICTURE) >= 2.0 * *bar as f64).unwrap_or(0)
+}
+
 /// Lines of a bar at the beginning, if a picture with a straight edge follows.
 fn bar<'a>(lines: impl Iterator<Item = &'a Line> + Clone) -> Option<usize> {
     let quiet = lines.clone().take_while(|line| line.distance <= BAR_NOISE).count();
     let blurred = lines.skip(quiet).take(BLURRED_LINES + 1).position(|line| line.share >= EDGE_SHARE)?;
     Some(quiet + blurred).filter(|_| quiet >= MIN_BAR)
+}
+
+/// Lines of one luma at the beginning, and of the bar if a picture follows that is cut off straight.
+fn cut_bar<'a>(lines: impl Iterator<Item = &'a Line> + Clone) -> (usize, Option<usize>) {
+    let quiet = lines.clone().take_while(|line| line.distance <= BAR_NOISE).count();
+    let mut behind = lines.skip(quiet);
+    let inside = behind.clone().nth(BLURRED_LINES + BEHIND_LINES).map_or(1.0, |line| line.share);
+    let least = (CUT_SHARE * inside).min(EDGE_SHARE).max(f64::MIN_POSITIVE);
+    (quiet, behind.by_ref().take(BLURRED_LINES + 1).position(|line| line.share >= least).map(|blurred| quiet + blurred))
 }
