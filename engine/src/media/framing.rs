@@ -250,6 +250,6 @@ fn cut_bar<'a>(lines: impl Iterator<Item = &'a Line> + Clone) -> (usize, Option<
     let quiet = lines.clone().take_while(|line| line.distance <= BAR_NOISE).count();
     let mut behind = lines.skip(quiet);
     let inside = behind.clone().nth(BLURRED_LINES + BEHIND_LINES).map_or(1.0, |line| line.share);
-    let least = (CUT_SHARE * inside).min(EDGE_SHARE).max(f64::MIN_POSITIVE);
+    let least = (CUT_SHARE * inside).clamp(f64::MIN_POSITIVE, EDGE_SHARE);
     (quiet, behind.by_ref().take(BLURRED_LINES + 1).position(|line| line.share >= least).map(|blurred| quiet + blurred))
 }
