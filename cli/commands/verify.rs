@@ -37,6 +37,7 @@ use crate::ui::verification::human;
 
 /// What is suspected, by whom, and what it is compared with.
 #[derive(Args, Debug)]
+#[command(mut_arg("near", |near| near.conflicts_with("cameras")))]
 pub(crate) struct VerifyArgs {
     /// Videos, folders of PNG, JPEG or OpenEXR frames, or models; their content tells which
     ///

@@ -170,6 +170,10 @@ fn what_is_cut_off_straight_on_one_side_tells_of_bars_on_both() {
     assert_eq!(middle(&[ball(14, 70, 40)]), Some(between), "cut off below alone");
     assert_eq!(middle(&[ball(14, 20, 40)]), Some(between), "cut off above alone");
     assert_eq!(middle(&[ball(14, 46, 30), ball(14, 75, 30)]), Some(between), "cut off in one frame of two");
+    // Above it begins too dark to be sure of, as high as it is cut off below.
+    let rect = Rect { x: 0, y: 14, width: 160, height: 92 };
+    let rising = framed(SIZE, rect, [0; 3], |_, y| [(6 + 2 * y.min(90)) as u8; 3]);
+    assert_eq!(middle(&[rising]), Some(between), "cut off below, dark above");
     // Where nothing is cut off nothing can tell, and bars do no harm.
     for cy in [40, 46, 52] {
         assert_eq!(middle(&[ball(14, cy, 30)]), Some(whole), "whole, {cy}");

@@ -48,19 +48,10 @@ impl Exposure {
 
     /// The same with as much of a bend as what is left of the film shows.
     fn bent(self, drawn: &Drawn, film: &Gray, weights: &[f64]) -> Self {
-        let (mut matrix, mut right) = (SMatrix::<f64, 4, 4>::zeros(), SVector::<f64, 4>::zeros());
         let shown = self.of(drawn);
-        let pixels = drawn.picture.values.iter().zip(&drawn.clear.values).zip(film.values.iter().zip(&shown.values));
-        for (((x, clear), (y, shown)), w) in pixels.zip(weights) {
-            let [x, clear] = [x, clear].map(|value| f64::from(*value));
-            let row = SVector::<f64, 4>::new(x, clear, 1.0, bend_of(x));
-            matrix += *w * row * row.transpose();
-            right += *w * f64::from(y - shown) * row;
-        }
-        let little = weights.iter().sum::<f64>() * LEAST_DEVIATION.powi(2);
-        for i in 0..4 {
-            matrix[(i, i)] += little;
-        }
+        let left = film.values.iter().zip(&shown.values).map(|(y, shown)| f64::from(y - shown));
+        let Sums { matrix, right, .. } =
+            Sums::of(drawn, left, weights, |x, clear| SVector::<f64, 4>::new(x, clear, 1.0, bend_of(x)));
         let Some(factor) = matrix.cholesky() else { return self };
         let [gain, clear, level, bend]: [f64; 4] = factor.solve(&right).into();
         let bent = Self { gain: self.gain + gain, clear: self.clear + clear, level: self.level + level, bend };
@@ -68,18 +59,9 @@ impl Exposure {
     }
 
     fn straight(drawn: &Drawn, film: &Gray, weights: &[f64]) -> Self {
-        let (mut matrix, mut right) = (SMatrix::<f64, 3, 3>::zeros(), SVector::<f64, 3>::zeros());
-        let pixels = drawn.picture.values.iter().zip(&drawn.clear.values).zip(&film.values).zip(weights);
-        for (((x, clear), y), w) in pixels {
-            let row = SVector::<f64, 3>::new(f64::from(*x), f64::from(*clear), 1.0);
-            matrix += *w * row * row.transpose();
-            right += *w * f64::from(*y) * row;
-        }
-        // As little as rounding: where the background is all or nothing of the picture it says nothing.
-        let little = weights.iter().sum::<f64>() * LEAST_DEVIATION.powi(2);
-        for i in 0..3 {
-            matrix[(i, i)] += little;
-        }
+        let values = film.values.iter().map(|y| f64::from(*y));
+        let Sums { matrix, mut right, little } =
+            Sums::of(drawn, values, weights, |x, clear| SVector::<f64, 3>::new(x, clear, 1.0));
         // From the original's own exposure.
         right[0] += little;
         let Some(factor) = matrix.cholesky() else { return Self { gain: 1.0, clear: 0.0, level: 0.0, bend: 0.0 } };
@@ -97,6 +79,38 @@ impl Exposure {
         let pixels = drawn.picture.values.iter().zip(&drawn.clear.values);
         let value = |(x, there): (&f32, &f32)| gain * x + clear * there + level + bend * narrow(bend_of(f64::from(*x)));
         Gray { values: pixels.map(value).collect(), ..drawn.picture.clone() }
+    }
+}
+
+/// Normal equations of weighted least squares in N numbers.
+struct Sums<const N: usize> {
+    matrix: SMatrix<f64, N, N>,
+    right: SVector<f64, N>,
+    /// What is added to the diagonal, as little as rounding: where the background is all or nothing of the picture it
+    /// says nothing.
+    little: f64,
+}
+
+impl<const N: usize> Sums<N> {
+    /// Of pixels' values, each with a row that is told from the original's and from how clear that is.
+    fn of(
+        drawn: &Drawn,
+        values: impl Iterator<Item = f64>,
+        weights: &[f64],
+        row_of: impl Fn(f64, f64) -> SVector<f64, N>,
+    ) -> Self {
+        let (mut matrix, mut right) = (SMatrix::zeros(), SVector::zeros());
+        let pixels = drawn.picture.values.iter().zip(&drawn.clear.values).zip(values).zip(weights);
+        for (((x, clear), value), w) in pixels {
+            let row = row_of(f64::from(*x), f64::from(*clear));
+            matrix += *w * row * row.transpose();
+            right += *w * value * row;
+        }
+        let little = weights.iter().sum::<f64>() * LEAST_DEVIATION.powi(2);
+        for i in 0..N {
+            matrix[(i, i)] += little;
+        }
+        Self { matrix, right, little }
     }
 }
 

@@ -234,8 +234,10 @@ fn bars(lines: &[Line]) -> Option<(usize, usize)> {
 /// Lines of bars of one height on both sides; 0 if there are none.
 fn even_bars(lines: &[Line]) -> usize {
     let sides = [cut_bar(lines.iter()), cut_bar(lines.iter().rev())];
-    let Some((quiet, bar)) = sides.into_iter().min_by_key(|(quiet, _)| *quiet) else { return 0 };
-    bar.filter(|bar| quiet >= MIN_BAR && lines.len() as f64 * (1.0 - MIN_PICTURE) >= 2.0 * *bar as f64).unwrap_or(0)
+    let least = sides.iter().map(|(quiet, _)| *quiet).min().filter(|least| *least >= MIN_BAR);
+    let is_least = |quiet: usize| least.is_some_and(|least| quiet <= least + BAR_DIFFERENCE);
+    let bar = sides.into_iter().filter_map(|(quiet, bar)| bar.filter(|_| is_least(quiet))).min();
+    bar.filter(|bar| 2.0 * *bar as f64 <= lines.len() as f64 * (1.0 - MIN_PICTURE)).unwrap_or(0)
 }
 
 /// Lines of a bar at the beginning, if a picture with a straight edge follows.

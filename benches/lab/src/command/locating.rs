@@ -97,18 +97,14 @@ pub(super) fn measure(
 }
 
 fn told(row: &LocatedRow) -> String {
+    let LocatedRow { asset, film, attack, found, likeness, t, t_true, seconds, .. } = row;
+    let of = |figure: Option<f64>, digits: usize, unit: &str| {
+        figure.map_or(String::new(), |figure| format!(", {figure:.digits$} {unit}"))
+    };
     format!(
-        "{} {} {}: found {}, {:.2} px, {:.4} of the motion, {:.0} % near, likeness {:.2}, T {:.1} of {:.1}, {:.0} s",
-        row.asset,
-        row.film,
-        row.attack,
-        row.found,
-        row.error_px,
-        row.error_time,
-        100.0 * row.near,
-        row.likeness,
-        row.t,
-        row.t_true,
-        row.seconds
+        "{asset} {film} {attack}: found {found}{}{}{}, likeness {likeness:.2}, T {t:.1} of {t_true:.1}, {seconds:.0} s",
+        of(row.error_px, 2, "px"),
+        of(row.error_time, 4, "of the motion"),
+        of(row.near.map(|near| 100.0 * near), 0, "% near"),
     )
 }

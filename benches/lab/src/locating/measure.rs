@@ -49,14 +49,14 @@ pub struct LocatedRow {
     pub frames: usize,
     /// Whether it is said to be found.
     pub found: bool,
-    /// Median over frames of the median reprojection error of visible splats, px.
-    pub error_px: f64,
-    /// Median error of the moment.
-    pub error_time: f64,
+    /// Median over frames of the median reprojection error of visible splats, px; none where it is not found.
+    pub error_px: Option<f64>,
+    /// Median error of the moment; none of an asset that stands still, either.
+    pub error_time: Option<f64>,
     /// Share of frames that are within half a pixel.
-    pub near: f64,
+    pub near: Option<f64>,
     /// Share of frames whose moment is within a 200th.
-    pub near_time: f64,
+    pub near_time: Option<f64>,
     /// Median likeness of gradients, or that of the likeliest guess where nothing was found.
     pub likeness: f64,
     /// Frames that are said to be known.
@@ -172,12 +172,13 @@ fn compare(
     let share = |errors: &[f64], near: f64| {
         errors.iter().filter(|error| **error <= near).count() as f64 / errors.len().max(1) as f64
     };
+    let moves = !original.motion.is_still();
     Ok(LocatedRow {
         found: true,
-        near: share(&errors, NEAR_PX),
-        near_time: share(&times, NEAR_TIME),
-        error_px: median(errors),
-        error_time: median(times),
+        near: Some(share(&errors, NEAR_PX)),
+        near_time: moves.then(|| share(&times, NEAR_TIME)),
+        error_px: Some(median(errors)),
+        error_time: moves.then(|| median(times)),
         ..row
     })
 }

@@ -89,9 +89,11 @@ fn report(rows: &[LocatedRow]) -> Report {
                 if rows.is_empty() { String::new() } else { format!("{found} of {}", rows.len()) }
             }),
             table("Error, px", "Median of films, the worst in brackets.", &|rows| summary(rows, 2, |row| row.error_px)),
-            table("T of T by true cameras", "Median of films.", &|rows| summary(rows, 2, |row| row.t / row.t_true)),
+            table("T of T by true cameras", "Median of films.", &|rows| {
+                summary(rows, 2, |row| Some(row.t / row.t_true))
+            }),
             table("Seconds", "To locate a film; median, and the worst in brackets.", &|rows| {
-                summary(rows, 0, |row| row.seconds)
+                summary(rows, 0, |row| Some(row.seconds))
             }),
             films(rows),
         ],
@@ -114,8 +116,8 @@ fn films(rows: &[LocatedRow]) -> Table {
             row.attack.clone(),
             format!("{}x{}", row.width, row.height),
             if row.found { "yes" } else { "no" }.to_owned(),
-            known(format!("{:.2}", row.error_px)),
-            known(format!("{:.4}", row.error_time)),
+            row.error_px.map(|px| format!("{px:.2}")).unwrap_or_default(),
+            row.error_time.map(|time| format!("{time:.4}")).unwrap_or_default(),
             known(format!("{:.1}", row.t)),
             known(format!("{:.1}", row.t_true)),
             known(name.to_owned()),
@@ -131,8 +133,8 @@ fn films(rows: &[LocatedRow]) -> Table {
 }
 
 /// The median of those that were found and, of several, the largest.
-fn summary(rows: &[&LocatedRow], digits: usize, figure: impl Fn(&LocatedRow) -> f64) -> String {
-    let mut figures: Vec<f64> = rows.iter().filter(|row| row.found).map(|row| figure(row)).collect();
+fn summary(rows: &[&LocatedRow], digits: usize, figure: impl Fn(&LocatedRow) -> Option<f64>) -> String {
+    let mut figures: Vec<f64> = rows.iter().filter(|row| row.found).filter_map(|row| figure(row)).collect();
     figures.sort_by(f64::total_cmp);
     match figures[..] {
         [] => String::new(),
