@@ -142,6 +142,17 @@ fn clips_that_are_no_clips_are_refused() {
     verify(owner, &torn, &[]).refused(65, &["0.png: picture"]);
 }
 
+/// Where films may have been taken is one word: one of several would be left unheard.
+#[test]
+fn places_near_cameras_go_with_nothing_else_about_cameras() {
+    let film: [&dyn AsRef<OsStr>; 6] = [&"verify", &"film.mp4", &"--key", &"k", &"--receipt", &"r"];
+    let near: [&dyn AsRef<OsStr>; 4] = [&"--original", &"m", &"--near", &"places"];
+    let others: [&[&dyn AsRef<OsStr>]; 3] = [&[&"--cameras", &"c.json"], &[&"--known-cameras"], &[&"--no-locate"]];
+    for other in others {
+        guard4d(&[&film[..], &near, other].concat()).refused(2, &["cannot be used with", "--near"]);
+    }
+}
+
 #[test]
 fn videos_without_frames_are_refused() {
     let Some(gpu) = device() else { return };
