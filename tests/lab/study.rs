@@ -43,7 +43,9 @@ fn put_keys(gpu: &Gpu, out: &Path) {
 
 /// Runs a sub-study and says which embeddings were made.
 fn run(out: &Path, what: &str, most: usize) -> (Vec<String>, Result<Vec<PathBuf>, EngineError>) {
-    let open = || Ok(Device::open_with(&DeviceSelect::Auto, DeviceOptions::default())?);
+    // Tests of embedding have validation layers watch what is done here over and over.
+    let options = DeviceOptions { unwatched: true, ..DeviceOptions::default() };
+    let open = || Ok(Device::open_with(&DeviceSelect::Auto, options)?);
     let command = "a test".to_owned();
     let study = Study { scale: tiny(), clip: ClipSource::Mini, open: &open, out: out.to_owned(), command };
     let mut made = Vec::new();

@@ -27,6 +27,9 @@ const BEFORE_IT: f64 = 3.0;
 const LEAST_SEEN: f64 = 150.0;
 /// How far parameters are moved to see what they do, px.
 const PROBE_PX: f64 = 0.1;
+/// How far a picture may move, px, before what was drawn to see what time does is drawn anew: a moment that was never
+/// drawn takes a network several times as long as its picture.
+const KEPT_PX: f64 = 0.5;
 /// Contrast beyond which, and beyond one over which, what is alike counts less: another asset is alike where it is made
 /// faint, and no edit that leaves a film worth watching makes it so.
 const PLAUSIBLE: f64 = 0.5;
@@ -176,6 +179,8 @@ pub fn align(stage: &mut Stage, film: &Gray, begun: &Pose, plan: Plan) -> Result
         if there.cost(bound) < at.cost(bound) {
             (pose, at, damping, refused) = (next, there, damping / HARDER, 0);
             bound = at.bound();
+            slope = slope.onward(stage, &target, &at, &pose, plan)?;
+        } else if slope.is_kept(&pose) {
             slope = Slope::at(stage, &target, &at, &pose, plan)?;
         } else {
             damping *= HARDER * HARDER;
@@ -262,12 +267,49 @@ struct Tried {
 /// What each free parameter does to the picture.
 struct Slope {
     of: [Option<Vec<f64>>; PARAMETERS],
+    /// From where pictures were drawn for it.
+    drawn_at: Pose,
 }
 
 impl Slope {
     /// What is free in a plan.
     fn at(stage: &mut Stage, film: &Target, at: &Compared, pose: &Pose, plan: Plan) -> Result<Self, EngineError> {
-        let mut of = [const { None }; PARAMETERS];
+        let nothing = Self { of: [const { None }; PARAMETERS], drawn_at: *pose };
+        nothing.filled(stage, film, at, pose, plan)
+    }
+
+    /// The same after a step: with what time does as it was, if that was a small one.
+    fn onward(
+        mut self,
+        stage: &mut Stage,
+        film: &Target,
+        at: &Compared,
+        pose: &Pose,
+        plan: Plan,
+    ) -> Result<Self, EngineError> {
+        let is_near = self.drawn_at.apart_px(pose, film.picture.width as f64) < KEPT_PX;
+        if plan.way == Way::Exact || !is_near {
+            return Self::at(stage, film, at, pose, plan);
+        }
+        self.of[..TIME].fill(None);
+        self.filled(stage, film, at, pose, plan)
+    }
+
+    /// Whether any of it is from another pose.
+    fn is_kept(&self, pose: &Pose) -> bool {
+        self.of[TIME].is_some() && self.drawn_at != *pose
+    }
+
+    /// With what is free and not there yet.
+    fn filled(
+        self,
+        stage: &mut Stage,
+        film: &Target,
+        at: &Compared,
+        pose: &Pose,
+        plan: Plan,
+    ) -> Result<Self, EngineError> {
+        let Self { mut of, drawn_at } = self;
         let moves = stage.moves();
         let is_free = |parameter: usize| match parameter {
             LENS => plan.lens,
@@ -292,7 +334,7 @@ impl Slope {
                 *of = Some(Self::drawn(stage, film, at, pose, probe)?);
             }
         }
-        Ok(Self { of })
+        Ok(Self { of, drawn_at })
     }
 
     /// By where each pixel's point moves to, and the gradient there: fast, and near enough to lead on.

@@ -20,9 +20,10 @@ const TELLING_OF: usize = 9;
 /// What a picture of the first of them costs, of the best yet, beyond which the others are not asked.
 const HOPELESS: f64 = 1.5;
 /// Steps to where frames fit the reference, and from there to where they fit another one: through any lens, as that of
-/// the first guess is off and another renderer's splats may make up for it. The reference goes on from there like any
-/// other, as none may have had fewer.
-const JUDGED: Plan = Plan { lens: true, steps: 10, ..LAST };
+/// the first guess is off and another renderer's splats may make up for it; at the same moment, as these take no part
+/// in that. The reference goes on from there like any other, as none may have had fewer.
+const BEGUN: Plan = Plan { lens: true, steps: 10, ..LAST };
+const JUDGED: Plan = Plan { time: false, ..BEGUN };
 
 /// Has the asset drawn as a film was whose frames these are: by its renderer, and at its size or at twice that and then
 /// made smaller, whichever fits clearly better than those before. Each is judged from where frames fit it: a camera
@@ -38,7 +39,7 @@ pub(super) fn draw_as(stage: &mut Stage, model: &Model, frames: &[Picture], fits
     stage.draw_as(model, Making::default())?;
     let mut begun = Vec::new();
     for (frame, at) in frames.iter().zip(telling) {
-        begun.push(align(stage, frame, &fits[at].pose, JUDGED)?.pose);
+        begun.push(align(stage, frame, &fits[at].pose, BEGUN)?.pose);
     }
     let mut judge = Judge { stage, model, frames, best: Making::default(), poses: begun.clone(), least: Vec::new() };
     for viewer in Viewer::ALL {

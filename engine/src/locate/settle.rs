@@ -17,6 +17,8 @@ const TELLING: usize = 10;
 /// What a place costs, of an earlier one, to be begun at instead: movement is even, and where a turn hides it pictures
 /// say little of how far along it is.
 const MUCH_BETTER: f64 = 0.6;
+/// How near places are to be as good as one, px: steps lead from either to the same.
+const SAME_PX: f64 = 0.5;
 /// Steps of those that tell the lens, where a turn hides what moves.
 const TELL_EXACTLY: Plan = Plan { way: Way::Exact, ..TELL };
 
@@ -80,13 +82,20 @@ fn lens_of(stage: &mut Stage, frames: &[Picture], fits: &[Fit], work: &mut Work<
 
 /// A frame's last steps, from the first of several places unless it fits much better in another.
 fn from_the_first(stage: &mut Stage, frame: &Picture, starts: &[Pose], lens: f64) -> Result<Fit, EngineError> {
-    let starts: Vec<Pose> = starts.iter().map(|start| with_lens(*start, lens)).collect();
-    let costs = costs_of(stage, &frame.gray, &starts, LAST)?;
-    let mut best = 0;
-    for at in 1..starts.len() {
-        best = if costs[at] < MUCH_BETTER * costs[best] { at } else { best };
+    let mut apart: Vec<Pose> = Vec::new();
+    for start in starts.iter().map(|start| with_lens(*start, lens)) {
+        if apart.iter().all(|other| start.apart_px(other, frame.gray.width as f64) >= SAME_PX) {
+            apart.push(start);
+        }
     }
-    last_steps(stage, &frame.gray, &starts[best])
+    let mut best = 0;
+    if apart.len() > 1 {
+        let costs = costs_of(stage, &frame.gray, &apart, LAST)?;
+        for at in 1..apart.len() {
+            best = if costs[at] < MUCH_BETTER * costs[best] { at } else { best };
+        }
+    }
+    last_steps(stage, &frame.gray, &apart[best])
 }
 
 /// A number and how much it counts.
