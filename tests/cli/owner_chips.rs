@@ -2,10 +2,13 @@
 //! was trained.
 
 use std::ffi::OsStr;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use guard4d_engine::networks::clip::{ClipModel, ClipSource};
+use guard4d_engine::scene::camera::paths::{Lens, Orbit};
 use guard4d_engine::scene::demo::DemoScene;
+use guard4d_engine::scene::{CameraSet, FrameSize, LookAt};
 use serde_json::Value;
 
 use super::{Run, put, scratch, unwatched};
@@ -42,11 +45,22 @@ impl Owner {
     /// From 70 degrees above; training stays below 60.
     fn film(&self, model: &Path, name: &str) {
         let (out, cameras) = (self.at(name), self.at("cameras.json"));
-        let from = "--orbit 8 --frames 1 --elevation 70 --size 240x240 -w";
+        let from = "--orbit 8 --frames 1 --elevation 70 --size 168x168 -w";
         let mut args: Vec<&dyn AsRef<OsStr>> = vec![&"render", &model, &"--out", &out, &"--save-cameras", &cameras];
         let words: Vec<&str> = from.split(' ').collect();
         args.extend(words.iter().map(|word| word as &dyn AsRef<OsStr>));
         unwatched(&args).done();
+    }
+
+    /// A few degrees from 30 above.
+    fn film_around(&self, model: &Path, name: &str) {
+        let lens = Lens { fov_x_rad: 0.69, size: FrameSize::new(224, 168).expect("a size") };
+        let orbit = Orbit { views: 90, elevation_deg: 30.0, look_at: LookAt::D_NERF, lens };
+        let mut cameras = orbit.cameras().expect("an orbit");
+        cameras.views.truncate(6);
+        let (out, around) = (self.at(name), self.at("around.json"));
+        fs::write(&around, CameraSet { in_sequence: true, ..cameras.at_times(&[0.0]) }.film_json()).expect("writable");
+        unwatched(&[&"render", &model, &"--cameras", &around, &"--out", &out]).done();
     }
 
     fn verify(&self, film: &str, receipt: &str, more: &[&dyn AsRef<OsStr>]) -> Run {
@@ -95,12 +109,8 @@ fn a_film_from_above_proves_the_asset_by_its_chips_alone() {
     assert_ne!(found["verdict"], "present", "{found}");
 
     // A film whose cameras nobody gives is located.
-    let (film, marked) = (owner.at("round"), owner.at("out/marked"));
-    let from: Vec<&str> = "--orbit 90 --frames 1 --elevation 30 --size 224x168".split(' ').collect();
-    let mut args: Vec<&dyn AsRef<OsStr>> = vec![&"render", &marked, &"--out", &film];
-    args.extend(from.iter().map(|word| word as &dyn AsRef<OsStr>));
-    unwatched(&args).done();
-    let found = json(&owner.verify("round", "out", &[&"--original", &scene, &"--max-frames", &"6", &"--json"]));
+    owner.film_around(&owner.at("out/marked"), "round");
+    let found = json(&owner.verify("round", "out", &[&"--original", &scene, &"--json"]));
     assert_eq!((&found["located"][0]["located"], &found["owner_chips"]["frames"]), (&6.into(), &6.into()), "{found}");
     assert_eq!((&found["verdict"], &found["owner_chips"]["proves"]), (&"present".into(), &true.into()), "{found}");
     assert_eq!(found["evidence"]["p_value"]["searched"], 3, "all readings count: {found}");

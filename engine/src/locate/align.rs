@@ -27,8 +27,8 @@ const BEFORE_IT: f64 = 3.0;
 const LEAST_SEEN: f64 = 150.0;
 /// How far parameters are moved to see what they do, px.
 const PROBE_PX: f64 = 0.1;
-/// How far a picture may move, px, before what was drawn to see what time does is drawn anew: a moment that was never
-/// drawn takes a network several times as long as its picture.
+/// How far a picture may move, px, before what was drawn to see what time does, or all of it for exact steps, is drawn
+/// anew: a moment that was never drawn takes a network several times as long as its picture.
 const KEPT_PX: f64 = 0.5;
 /// Contrast beyond which, and beyond one over which, what is alike counts less: another asset is alike where it is made
 /// faint, and no edit that leaves a film worth watching makes it so.
@@ -278,7 +278,7 @@ impl Slope {
         nothing.filled(stage, film, at, pose, plan)
     }
 
-    /// The same after a step: with what time does as it was, if that was a small one.
+    /// The same after a step: what was drawn for it stays, if that was a small one.
     fn onward(
         mut self,
         stage: &mut Stage,
@@ -288,7 +288,10 @@ impl Slope {
         plan: Plan,
     ) -> Result<Self, EngineError> {
         let is_near = self.drawn_at.apart_px(pose, film.picture.width as f64) < KEPT_PX;
-        if plan.way == Way::Exact || !is_near {
+        if plan.way == Way::Exact && is_near {
+            return Ok(self);
+        }
+        if self.of[TIME].is_none() || !is_near {
             return Self::at(stage, film, at, pose, plan);
         }
         self.of[..TIME].fill(None);
@@ -297,7 +300,7 @@ impl Slope {
 
     /// Whether any of it is from another pose.
     fn is_kept(&self, pose: &Pose) -> bool {
-        self.of[TIME].is_some() && self.drawn_at != *pose
+        self.drawn_at != *pose
     }
 
     /// With what is free and not there yet.

@@ -25,6 +25,9 @@ const ROUNDS: usize = 4;
 /// What a place costs, of where a frame is, to be taken instead: coding alone makes less of a difference to so many
 /// pixels.
 const BETTER: f64 = 0.98;
+/// How far apart two places are to be two, px: nearer ones are the same after another step or two, and say nothing of
+/// the frames beside.
+const ELSEWHERE_PX: f64 = 1.0;
 
 /// Looks again at frames that are beside the way, or much less like the original than the others: from where the
 /// way leads, and at every moment.
@@ -156,14 +159,15 @@ fn all_steps(stage: &mut Stage, frame: &Gray, begun: &Pose) -> Result<Fit, Engin
     Ok(fit)
 }
 
-/// Takes another place of a frame if it fits clearly better there.
+/// Takes another place of a frame if it fits clearly better there; whether that is elsewhere.
 fn take_better(stage: &mut Stage, frame: &Picture, known: &mut Fit, other: Fit) -> Result<bool, EngineError> {
     let costs = costs_of(stage, &frame.gray, &[known.pose, other.pose], LAST)?;
-    let better = costs[1] < BETTER * costs[0];
-    if better {
-        *known = other;
+    if costs[1] >= BETTER * costs[0] {
+        return Ok(false);
     }
-    Ok(better)
+    let is_elsewhere = known.pose.apart_px(&other.pose, frame.gray.width as f64) >= ELSEWHERE_PX;
+    *known = other;
+    Ok(is_elsewhere)
 }
 
 /// Between the poses of a frame's neighbours, where it has two.

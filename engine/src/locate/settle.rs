@@ -12,8 +12,10 @@ use crate::base::numbers::median;
 use crate::base::spread::spread;
 use crate::error::EngineError;
 
-/// Frames of a shot that tell its lens.
+/// Frames of a shot that tell its lens, and of those of them whose turns hide what moves how many do: they take exact
+/// steps, which cost many pictures.
 const TELLING: usize = 10;
+const TELLING_EXACTLY: usize = 4;
 /// What a place costs, of an earlier one, to be begun at instead: movement is even, and where a turn hides it pictures
 /// say little of how far along it is.
 const MUCH_BETTER: f64 = 0.6;
@@ -70,12 +72,21 @@ pub(super) fn settle(
 /// The lens of a shot, as some of its frames tell it.
 fn lens_of(stage: &mut Stage, frames: &[Picture], fits: &[Fit], work: &mut Work<'_>) -> Result<f64, EngineError> {
     let usual = median(fits.iter().map(|fit| fit.pose.lens));
-    let mut lenses = Vec::new();
+    let said = |fit: &Fit| Weighed { value: fit.pose.lens, weight: fit.lens_weight };
+    let (mut lenses, mut tied) = (Vec::new(), Vec::new());
     for at in spread(frames.len(), TELLING) {
         work.look("the lens")?;
         let fit = align(stage, &frames[at].gray, &with_lens(fits[at].pose, usual), TELL)?;
-        let fit = if fit.tied > TIED { align(stage, &frames[at].gray, &fit.pose, TELL_EXACTLY)? } else { fit };
-        lenses.push(Weighed { value: fit.pose.lens, weight: fit.lens_weight });
+        if fit.tied > TIED {
+            tied.push((at, fit.pose));
+        } else {
+            lenses.push(said(&fit));
+        }
+    }
+    for one in spread(tied.len(), TELLING_EXACTLY) {
+        work.look("the lens")?;
+        let (at, pose) = &tied[one];
+        lenses.push(said(&align(stage, &frames[*at].gray, pose, TELL_EXACTLY)?));
     }
     Ok(weighted_median(lenses).unwrap_or(usual))
 }
