@@ -12,6 +12,13 @@ use crate::workspace::{empty_folder, say};
 /// Keys of Debian's archive, by which apt checks what it fetches.
 const KEYS: &str = "/usr/share/keyrings/debian-archive-keyring.gpg";
 
+/// How long apt may take for one thing, s, and how often it is begun anew when that is over: apt waits as long as a
+/// mirror sends anything at all.
+const LIMIT_S: &str = "300";
+const TRIES: usize = 3;
+/// What `timeout` returns when it is over.
+const OVER: u8 = 124;
+
 /// An apt of its own, which knows some suites of Debian and no installed package. The packages come from the mirror
 /// that this machine's apt is configured with; apt checks the archive's signature and the packages' hashes. The
 /// machine's own lists and packages stay as they are.
@@ -48,14 +55,23 @@ impl Apt {
             let path = apt.folder.join(name);
             fs::write(&path, text).of_file(&path)?;
         }
-        run_aside(apt.get().args(["update", "-q"]))?;
+        apt.get(&["update", "-q"], &apt.folder)?;
         Ok(apt)
     }
 
-    fn get(&self) -> Command {
-        let mut command = Command::new("apt-get");
-        command.env("APT_CONFIG", self.folder.join("apt.conf"));
-        command
+    /// Runs apt-get in a folder.
+    fn get(&self, arguments: &[&str], folder: &Path) -> Result<()> {
+        let mut tries = 0;
+        loop {
+            let mut command = Command::new("timeout");
+            command.env("APT_CONFIG", self.folder.join("apt.conf")).current_dir(folder);
+            let done = run_aside(command.args([LIMIT_S, "apt-get"]).args(arguments));
+            tries += 1;
+            if tries == TRIES || !matches!(done, Err(Error::Failed(OVER))) {
+                return done;
+            }
+            say(&format!("apt-get stood still for {LIMIT_S} s, and is begun anew"));
+        }
     }
 
     /// Unpacks files of a package into `into`, without their folders: drivers find each other there. Returns the
@@ -64,7 +80,7 @@ impl Apt {
         say(&format!("unpacking {} of {}", wanted.files, wanted.package));
         let packages = self.folder.join("packages");
         empty_folder(&packages)?;
-        run_aside(self.get().args(["download", "-q", wanted.package]).current_dir(&packages))?;
+        self.get(&["download", "-q", wanted.package], &packages)?;
         let package = only(archives(&packages)?, wanted.package)?;
         let options = ["--wildcards", "--transform", "s,.*/,,", wanted.files];
         pipe(&mut open(&package), Command::new("tar").args(["-x", "-C"]).arg(into).args(options))?;
@@ -75,7 +91,7 @@ impl Apt {
     pub(crate) fn unpack_all(&self, packages: &[&str], into: &Path) -> Result<Vec<String>> {
         say(&format!("fetching {} and what they need", packages.join(" ")));
         let options = ["install", "-q", "-y", "--download-only", "--no-install-recommends"];
-        run_aside(self.get().args(options).args(packages))?;
+        self.get(&[&options[..], packages].concat(), &self.folder)?;
         let archives = archives(&self.folder.join("cache/archives"))?;
         for package in &archives {
             // Documents and translations are of no use here.

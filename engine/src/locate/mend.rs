@@ -162,12 +162,12 @@ fn all_steps(stage: &mut Stage, frame: &Gray, begun: &Pose) -> Result<Fit, Engin
 /// Takes another place of a frame if it fits clearly better there; whether that is elsewhere.
 fn take_better(stage: &mut Stage, frame: &Picture, known: &mut Fit, other: Fit) -> Result<bool, EngineError> {
     let costs = costs_of(stage, &frame.gray, &[known.pose, other.pose], LAST)?;
-    if costs[1] >= BETTER * costs[0] {
-        return Ok(false);
-    }
+    let is_better = costs[1] < BETTER * costs[0];
     let is_elsewhere = known.pose.apart_px(&other.pose, frame.gray.width as f64) >= ELSEWHERE_PX;
-    *known = other;
-    Ok(is_elsewhere)
+    if is_better {
+        *known = other;
+    }
+    Ok(is_better && is_elsewhere)
 }
 
 /// Between the poses of a frame's neighbours, where it has two.
