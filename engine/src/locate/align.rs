@@ -165,7 +165,7 @@ pub fn align(stage: &mut Stage, film: &Gray, begun: &Pose, plan: Plan) -> Result
     let mut pose = *begun;
     let mut at = target.compare(stage, &pose, None)?;
     let mut bound = at.bound();
-    let mut slope = Slope::at(stage, &target, &at, &pose, plan)?;
+    let mut slope = Slope::at(stage, &target, &at, &pose, plan, None)?;
     let (mut damping, mut refused) = (DAMPING, 0);
     for _ in 0..plan.steps {
         let Some(step) = slope.normal(&at, bound, pose.lens - begun.lens).step(damping) else { break };
@@ -179,9 +179,9 @@ pub fn align(stage: &mut Stage, film: &Gray, begun: &Pose, plan: Plan) -> Result
         if there.cost(bound) < at.cost(bound) {
             (pose, at, damping, refused) = (next, there, damping / HARDER, 0);
             bound = at.bound();
-            slope = slope.onward(stage, &target, &at, &pose, plan)?;
-        } else if slope.is_kept(&pose) {
-            slope = Slope::at(stage, &target, &at, &pose, plan)?;
+            slope = Slope::at(stage, &target, &at, &pose, plan, Some(slope))?;
+        } else if slope.drawn_at != pose {
+            slope = Slope::at(stage, &target, &at, &pose, plan, None)?;
         } else {
             damping *= HARDER * HARDER;
             refused += 1;
@@ -272,47 +272,24 @@ struct Slope {
 }
 
 impl Slope {
-    /// What is free in a plan.
-    fn at(stage: &mut Stage, film: &Target, at: &Compared, pose: &Pose, plan: Plan) -> Result<Self, EngineError> {
-        let nothing = Self { of: [const { None }; PARAMETERS], drawn_at: *pose };
-        nothing.filled(stage, film, at, pose, plan)
-    }
-
-    /// The same after a step: what was drawn for it stays, if that was a small one.
-    fn onward(
-        mut self,
+    /// What is free in a plan. What was drawn for the last one stays, if that is from nearby.
+    fn at(
         stage: &mut Stage,
         film: &Target,
         at: &Compared,
         pose: &Pose,
         plan: Plan,
+        last: Option<Self>,
     ) -> Result<Self, EngineError> {
-        let is_near = self.drawn_at.apart_px(pose, film.picture.width as f64) < KEPT_PX;
-        if plan.way == Way::Exact && is_near {
-            return Ok(self);
-        }
-        if self.of[TIME].is_none() || !is_near {
-            return Self::at(stage, film, at, pose, plan);
-        }
-        self.of[..TIME].fill(None);
-        self.filled(stage, film, at, pose, plan)
-    }
-
-    /// Whether any of it is from another pose.
-    fn is_kept(&self, pose: &Pose) -> bool {
-        self.drawn_at != *pose
-    }
-
-    /// With what is free and not there yet.
-    fn filled(
-        self,
-        stage: &mut Stage,
-        film: &Target,
-        at: &Compared,
-        pose: &Pose,
-        plan: Plan,
-    ) -> Result<Self, EngineError> {
-        let Self { mut of, drawn_at } = self;
+        let width = film.picture.width as f64;
+        let (mut of, drawn_at) = match last.filter(|last| last.drawn_at.apart_px(pose, width) < KEPT_PX) {
+            Some(last) if plan.way == Way::Exact => return Ok(last),
+            Some(Self { mut of, drawn_at }) if of[TIME].is_some() => {
+                of[..TIME].fill(None);
+                (of, drawn_at)
+            }
+            _ => ([const { None }; PARAMETERS], *pose),
+        };
         let moves = stage.moves();
         let is_free = |parameter: usize| match parameter {
             LENS => plan.lens,
