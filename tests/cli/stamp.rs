@@ -341,13 +341,13 @@ fn the_lab_measures_how_far_a_copy_stands_out() {
     let measure = |more: &[&str]| {
         let mut args: Vec<&dyn AsRef<std::ffi::OsStr>> = vec![&"lab", &"tracing"];
         let path = scene.path();
-        args.extend([&path as &dyn AsRef<_>, &"--keys", &"1", &"--frames", &"8", &"--side", &"160", &"--out", &out]);
+        args.extend([&path as &dyn AsRef<_>, &"--keys", &"1", &"--frames", &"12", &"--side", &"160", &"--out", &out]);
         args.extend(more.iter().map(|word| word as &dyn AsRef<_>));
         unwatched(&args).done();
         fs::read_to_string(&out).expect("a table")
     };
-    let films = measure(&["--films", "png,h264 23"]);
-    assert_eq!(films.lines().count(), 1 + 2, "{films}");
+    let films = measure(&["--films", "png,h264 23,rows,gamma 0.8"]);
+    assert_eq!(films.lines().count(), 1 + 4, "{films}");
     let innocent = measure(&["--films", "png", "--part", "innocent"]);
     assert!(innocent.starts_with(&films), "what is there is not measured again");
     let head: Vec<&str> = films.lines().next().expect("a head").split(',').collect();
