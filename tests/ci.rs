@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use crate::support::{files_below, repo};
 
-/// The commands of `.ci/run`, one per line.
+/// The commands of `.ci/run`: one per line, each a step whose time is told.
 fn commands() -> Vec<String> {
     let script = fs::read_to_string(repo(".ci/run")).expect("a script");
-    script.lines().filter(|line| line.starts_with("./x ")).map(str::to_owned).collect()
+    script.lines().filter_map(|line| line.strip_prefix("step ")).map(str::to_owned).collect()
 }
 
 /// The path of a test module, by its file below `tests/`.
