@@ -6,7 +6,7 @@ use nalgebra::{SMatrix, SVector};
 use super::exposure::{Exposure, LEAST_DEVIATION, Levels};
 use super::gray::{Gray, correlation_where};
 use super::pose::{LENS, PARAMETERS, Pose, TIME};
-use super::stage::{Canvas, Drawn, MERGED_PX, MOMENTS, Shows, Stage, is_seen};
+use super::stage::{Canvas, Drawn, MERGED_PX, Shows, Stage, is_seen};
 use crate::error::EngineError;
 use crate::scene::FrameSize;
 
@@ -239,8 +239,8 @@ pub fn moments(
     let target = Target::new(film, pose, detail, Way::Small)?;
     let bound = target.compare(stage, pose, None)?.bound();
     let mut tried = Vec::new();
-    for moment in 0..=MOMENTS {
-        let time = f64::from(moment) / f64::from(MOMENTS);
+    for step in 0..=stage.steps() {
+        let time = f64::from(step) / f64::from(stage.steps());
         if (time - pose.time).abs() <= reach {
             let there = Pose { time, ..*pose };
             let drawn = stage.draw(&there, target.canvas)?;
@@ -305,7 +305,7 @@ impl Slope {
                 *of = None;
             } else if of.is_none() {
                 let by = match (parameter, stage.is_rough()) {
-                    (TIME, true) => 1.0 / f64::from(MOMENTS),
+                    (TIME, true) => 1.0 / f64::from(stage.steps()),
                     _ => PROBE_PX / film.picture.width as f64 / pose.reach()[parameter],
                 };
                 // Time ends.

@@ -13,7 +13,7 @@ use super::pose::{Middle, Pose};
 use super::thumbnail::Thumbnail;
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
-use crate::render::deform::{DeformField, SplatState};
+use crate::render::deform::{DeformField, MixedField, SplatState};
 use crate::render::profile::Viewer;
 use crate::render::{FrameMut, FramePlan, OffsetBases, Offsets, Prune, Renderer};
 use crate::scene::camera::paths::USUAL_FOV_X_RAD;
@@ -34,10 +34,6 @@ const LOOK_PX: u32 = 16;
 /// numbers of 32 bits tell places to a millionth of that.
 const FAR: f64 = 16.0;
 
-/// Moments from one end to the other that are kept, and the one at the other end.
-pub const MOMENTS: u32 = 64;
-/// Other moments that are kept: the last steps'.
-const CACHED: usize = 4;
 /// Least share of a pixel that the asset covers to be seen there.
 const COVERED: f64 = 0.1;
 /// How far beside the asset its outline is looked for.
@@ -77,15 +73,14 @@ impl Default for Making {
 #[derive(Debug)]
 struct Scenery {
     viewer: Viewer,
-    /// Any moments.
-    field: DeformField,
+    field: MixedField,
     renderer: Renderer,
 }
 
 impl Scenery {
     fn new(device: &Device, model: &Model, viewer: Viewer) -> Result<Self, EngineError> {
         let profile = viewer.profile();
-        let field = profile.upload(device, &model.gaussians, &model.motion)?.with_cached_times(CACHED);
+        let field = MixedField::new(device, profile.upload(device, &model.gaussians, &model.motion)?);
         Ok(Self { viewer, field, renderer: Renderer::new(device)?.with_rules(profile.rules) })
     }
 }
@@ -94,12 +89,10 @@ impl Scenery {
 #[derive(Debug)]
 pub struct Stage {
     device: Device,
-    /// Moments on a grid, all of which are kept.
-    rough_field: DeformField,
-    /// The same of fewer splats, for the smallest pictures. A scene whose splats move each its own way has none, as to
+    /// The asset of fewer splats, for the smallest pictures. A scene whose splats move each its own way has none, as to
     /// merge it at every moment takes longer than its pictures; nor has one that is seen from within, where splats are
     /// of all sizes.
-    merged_field: Option<DeformField>,
+    merged_field: Option<MixedField>,
     /// What small pictures are drawn by.
     small: Renderer,
     /// The asset as it is.
@@ -125,7 +118,6 @@ impl Stage {
     /// # Errors
     /// When memory runs out or the device fails.
     pub fn new(device: &Device, model: &Model, about: About) -> Result<Self, EngineError> {
-        let rough_field = DeformField::new(device, &model.gaussians, &model.motion)?;
         let look_at = LookAt::of(model, USUAL_FOV_X_RAD);
         let middle = middle(look_at);
         let places = Places::about(middle);
@@ -133,13 +125,12 @@ impl Stage {
             // What moves them is of places, and those of splats that are one are all but the same.
             (Motion::Still | Motion::HexPlane(_) | Motion::Warp(_), About::Middle) => {
                 let fewer = merged(&model.gaussians, middle.radius / MERGED_PX);
-                Some(DeformField::new(device, &fewer, &model.motion)?.with_cached_times(MOMENTS as usize + 1))
+                Some(MixedField::new(device, DeformField::new(device, &fewer, &model.motion)?))
             }
             _ => None,
         };
         Ok(Self {
             device: device.clone(),
-            rough_field: rough_field.with_cached_times(MOMENTS as usize + 1),
             merged_field,
             small: Renderer::new(device)?.with_rules(SMALL),
             own: Scenery::new(device, model, Viewer::Reference)?,
@@ -210,9 +201,15 @@ impl Stage {
     /// When memory runs out or the device fails.
     pub fn at(&mut self, time: f64) -> Result<Arc<SplatState>, EngineError> {
         match self.rough {
-            true => self.rough_field.at(rough(time)),
-            false => self.own.field.at(narrow(time)),
+            true => self.own.field.nearest(time),
+            false => self.own.field.at(time),
         }
+    }
+
+    /// Steps from the first moment to the last at which the asset is kept.
+    #[must_use]
+    pub fn steps(&self) -> u32 {
+        self.own.field.steps()
     }
 
     /// See [`Self::set_rough`].
@@ -221,8 +218,7 @@ impl Stage {
         self.rough
     }
 
-    /// Whether moments are drawn as the nearest of some that are kept: a network takes several times as long for a
-    /// moment as a small picture of it does.
+    /// Whether moments are drawn as the nearest of those that are kept: what is mixed of two takes longer.
     pub fn set_rough(&mut self, rough: bool) {
         self.rough = rough;
     }
@@ -261,8 +257,8 @@ impl Stage {
     fn splats(&mut self, time: f64, shows: Shows) -> Result<Arc<SplatState>, EngineError> {
         let viewer = self.making.viewer;
         match (shows, &mut self.others, &mut self.merged_field) {
-            (Shows::AsFilm(_), Some(others), _) if others.viewer == viewer => others.field.at(narrow(time)),
-            (Shows::Smallest, _, Some(merged)) => merged.at(rough(time)),
+            (Shows::AsFilm(_), Some(others), _) if others.viewer == viewer => others.field.at(time),
+            (Shows::Smallest, _, Some(merged)) => merged.nearest(time),
             _ => self.at(time),
         }
     }
@@ -349,11 +345,6 @@ impl Stage {
         self.planned = Some((made_for, Arc::clone(&plan)));
         Ok(plan)
     }
-}
-
-/// The nearest of the moments that are kept.
-fn rough(time: f64) -> f32 {
-    narrow((time * f64::from(MOMENTS)).round() / f64::from(MOMENTS))
 }
 
 /// What a plan was made for.

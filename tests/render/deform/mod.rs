@@ -1,4 +1,5 @@
 //! Splats at a moment in time.
 
 mod field;
+mod mixed;
 mod warp;

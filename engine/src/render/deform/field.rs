@@ -189,6 +189,17 @@ impl DeformField {
         Ok(state)
     }
 
+    /// Even steps from the first moment to the last at whose ends alone splats may change how they move; `None` where
+    /// a moment costs next to nothing, or a file says which there are.
+    pub(super) fn bends(&self) -> Option<u32> {
+        match self.mover.as_ref()? {
+            Mover::Network(network) => Some(network.bends()),
+            // Of its layers alone, which bend anywhere.
+            Mover::Warp(_) => Some(1),
+            Mover::Paths(_) | Mover::Sequence(_) => None,
+        }
+    }
+
     /// Features and shared layers of the network at `time`; `None` for a scene without one.
     ///
     /// # Errors

@@ -2,6 +2,7 @@
 
 mod buckets;
 mod field;
+mod mixed;
 mod network;
 mod paths;
 mod sequence;
@@ -9,5 +10,6 @@ mod state;
 mod warp;
 
 pub use field::DeformField;
+pub use mixed::MixedField;
 pub use network::HiddenRows;
 pub use state::SplatState;

@@ -13,7 +13,7 @@ use guard4d_kernels::{Buffer, Device, KernelError, Recorder};
 use super::state::SplatState;
 use crate::error::EngineError;
 use crate::scene::DeformationWeights;
-use crate::scene::deformation::{Head, Linear};
+use crate::scene::deformation::{Head, Linear, TIME_AXIS};
 use crate::scene::gaussians::SH_FLOATS;
 
 /// Splats that go through the network at once: what a row needs of working memory is several KB.
@@ -105,6 +105,7 @@ pub(super) struct Network {
     chunk: Chunk,
     rows: usize,
     sizes: Sizes,
+    bends: u32,
 }
 
 /// Sizes before padding.
@@ -156,7 +157,13 @@ impl Network {
         };
         let (levels, width, trunk) = (weights.grids.len(), weights.config.net_width, weights.feature_out.len());
         let sizes = Sizes { levels, channels, width, trunk };
-        Ok(Self { planes, layers, rotation, chunk, rows, sizes })
+        let bends = bends(weights.config.resolution[TIME_AXIS]);
+        Ok(Self { planes, layers, rotation, chunk, rows, sizes, bends })
+    }
+
+    /// Even steps from time 0 to 1 of which each bend of the features is an end.
+    pub(super) fn bends(&self) -> u32 {
+        self.bends
     }
 
     /// Features and shared layers of all splats at `time`.
@@ -269,6 +276,12 @@ impl Network {
             None => Ok(()),
         }
     }
+}
+
+/// Even steps from time 0 to 1 of which all samples of an axis with so many are ends: they go from −1 to 1.
+fn bends(samples: usize) -> u32 {
+    let apart = u32::try_from(samples.saturating_sub(1)).unwrap_or(u32::MAX).max(1);
+    if apart.is_multiple_of(2) { apart / 2 } else { apart }
 }
 
 fn plane(plane: &crate::scene::deformation::Plane) -> hexplane::Plane<'_> {
