@@ -61,7 +61,6 @@ fn a_pose_that_is_off_comes_to_where_the_film_was_taken() {
         let fit = align(&mut stage, &frame, &pose, plan).expect("aligns");
         (pose, likeness) = (fit.pose, fit.correlation);
     }
-    stage.set_rough(false);
     pose = align(&mut stage, &frame, &pose, PLANS[2]).expect("aligns").pose;
     let apart = pose.since(&truth);
     assert!(likeness > 0.8, "{likeness}");

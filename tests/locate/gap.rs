@@ -34,7 +34,6 @@ fn frames_are_found_in_one_place_from_either_side_or_it_is_seen() {
     let mut model = Model::open(scene.path()).expect("the scene opens");
     model.motion = Motion::Still;
     let mut stage = Stage::new(&gpu, &model, About::Middle).expect("it fits");
-    stage.set_rough(false);
     let turn = glam::DQuat::from_rotation_x(2.2) * glam::DQuat::from_rotation_z(0.9);
     let first = Pose { middle: stage.middle(), turn, shift: [0.05, -0.02], size: -1.2, lens: 0.2, time: 0.0 };
     let truth: Vec<Pose> = (0..5).map(|number| first.moved(&step(number, 0.02, 0.003))).collect();

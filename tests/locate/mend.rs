@@ -38,7 +38,6 @@ fn a_shot_that_was_followed_along_a_wrong_way_is_brought_back() {
     let scene = DemoScene::unpack().expect("the scene unpacks");
     let model = Model::open(scene.path()).expect("the scene opens");
     let mut stage = Stage::new(&gpu, &model, About::Middle).expect("it fits");
-    stage.set_rough(false);
     let (frames, truth): (Vec<Picture>, Vec<Pose>) = shot(&mut stage).into_iter().unzip();
     // All but the first are taken to be a quarter of the motion later, each where it fits there.
     let late = |number: usize| if number > 0 { 0.25 } else { 0.0 };

@@ -304,8 +304,8 @@ impl Slope {
             if !is_free(parameter) {
                 *of = None;
             } else if of.is_none() {
-                let by = match (parameter, stage.is_rough()) {
-                    (TIME, true) => 1.0 / f64::from(stage.steps()),
+                let by = match (parameter, plan.way) {
+                    (TIME, Way::Small) => 1.0 / f64::from(stage.steps()),
                     _ => PROBE_PX / film.picture.width as f64 / pose.reach()[parameter],
                 };
                 // Time ends.

@@ -145,7 +145,6 @@ impl Locator {
         };
         work.done = 2 * so_far.shots.iter().map(|shot| shot.len() as u64).sum::<u64>();
         for (number, shot) in shots.iter().enumerate().skip(so_far.shots.len()) {
-            self.stage.set_rough(true);
             self.stage.draw_as(model, so_far.making)?;
             let done = work.done + 2 * shot.len() as u64;
             let begun = if number == longest { first } else { self.first(&frames[shot.clone()], &mut work)? };
@@ -202,7 +201,6 @@ impl Locator {
             }
         }
         let mut fits: Vec<Fit> = fits.into_iter().flatten().collect();
-        self.stage.set_rough(false);
         draw_as(&mut self.stage, model, frames, &fits)?;
         settle(&mut self.stage, frames, &mut fits, begun.frame, work)?;
         let usual = median(fits.iter().map(|fit| fit.correlation));
@@ -240,10 +238,7 @@ impl Locator {
         if !(FOUND..GOOD).contains(&fit.correlation) {
             return Ok(fit.correlation);
         }
-        let was_rough = self.stage.is_rough();
-        self.stage.set_rough(false);
         let closer = align(&mut self.stage, &frame.gray, &fit.pose, TELL)?;
-        self.stage.set_rough(was_rough);
         Ok(fit.correlation.max(closer.correlation))
     }
 

@@ -126,7 +126,6 @@ impl Locator {
         let cameras = track.cameras(&reading)?;
         let mut gap = None;
         if track.is_found() {
-            self.stage.set_rough(false);
             self.stage.draw_as(model, track.making)?;
             observer.observe(Progress { stage: "the other way round", done: 0, total: None })?;
             gap = gap_px(&mut self.stage, &reading.pictures, &track)?;

@@ -49,10 +49,8 @@ pub(super) fn look_again(
         }
         work.look("frames beside the way")?;
         let mut begun: Vec<Pose> = between(fits, at).into_iter().collect();
-        stage.set_rough(true);
         let from = begun.first().copied().unwrap_or(fits[at].pose);
         begun.extend(moments(stage, &frames[at].gray, &from, SCANNED, 1.0)?.into_iter().take(ALIKE));
-        stage.set_rough(false);
         let mut best: Option<Fit> = None;
         for pose in begun {
             let fit = align(stage, &frames[at].gray, &pose, NEXT)?;
@@ -85,9 +83,7 @@ pub fn over_all_moments(
         let Some(at) = open.max_by(|a, b| fits[*a].cost.total_cmp(&fits[*b].cost)) else { break };
         tell()?;
         looked_at[at.saturating_sub(BESIDE)..(at + 1 + BESIDE).min(fits.len())].fill(true);
-        stage.set_rough(true);
         let places = over_the_motion(stage, &frames[at].gray, fits[at].pose)?;
-        stage.set_rough(false);
         let mut mended = false;
         for place in places.iter().take(CLOSER) {
             let fit = all_steps(stage, &frames[at].gray, &with_lens(place.pose, lens))?;
@@ -127,10 +123,8 @@ fn carry(
             fits[at] = fits[last];
         } else {
             let ahead = earlier.map_or(begun, |earlier| begun.moved(&begun.since(&earlier)));
-            stage.set_rough(true);
             let there = moments(stage, frame, &ahead, SCANNED, NEAR)?.first().copied().unwrap_or(ahead);
             let near = align(stage, frame, &there, NEXT)?;
-            stage.set_rough(false);
             let starts = [ahead, with_lens(near.pose, begun.lens)];
             let costs = costs_of(stage, frame, &starts, LAST)?;
             let fit = all_steps(stage, frame, &starts[usize::from(costs[1] < costs[0])])?;

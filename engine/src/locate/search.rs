@@ -82,7 +82,7 @@ pub fn anywhere(stage: &mut Stage, bank: &Bank, picture: &Picture, edges: Edges)
 
 /// Poses over the whole motion at which a frame fits, the best first: a turn can hide what moves, so that each moment
 /// is tried with the pose that fits there, from one to the next, and those are looked at closer that fit better than
-/// the ones before and after. For a stage that is rough.
+/// the ones before and after.
 ///
 /// # Errors
 /// When memory runs out or the device fails.
@@ -124,9 +124,7 @@ fn at_any_moment(stage: &mut Stage, frame: &Gray, best: Fit) -> Result<Fit, Engi
     if best.tied <= TIED {
         return Ok(best);
     }
-    stage.set_rough(false);
     let exact = align(stage, frame, &best.pose, EXACT)?;
-    stage.set_rough(true);
     // Both are compared with others, of other frames, by what is alike at the same size.
     Ok(Fit { pose: exact.pose, ..best })
 }

@@ -104,7 +104,6 @@ pub struct Stage {
     look_at: LookAt,
     about: About,
     moves: bool,
-    rough: bool,
     places: Places,
     /// The plan that was made last: places are asked for where a picture was drawn.
     planned: Option<(MadeFor, Arc<FramePlan>)>,
@@ -140,7 +139,6 @@ impl Stage {
             look_at,
             about,
             moves: !model.motion.is_still(),
-            rough: true,
             places,
             planned: None,
             as_places: None,
@@ -200,27 +198,13 @@ impl Stage {
     /// # Errors
     /// When memory runs out or the device fails.
     pub fn at(&mut self, time: f64) -> Result<Arc<SplatState>, EngineError> {
-        match self.rough {
-            true => self.own.field.nearest(time),
-            false => self.own.field.at(time),
-        }
+        self.own.field.at(time)
     }
 
-    /// Steps from the first moment to the last at which the asset is kept.
+    /// Even steps from the first moment to the last: moments at their ends are the cheapest.
     #[must_use]
     pub fn steps(&self) -> u32 {
         self.own.field.steps()
-    }
-
-    /// See [`Self::set_rough`].
-    #[must_use]
-    pub fn is_rough(&self) -> bool {
-        self.rough
-    }
-
-    /// Whether moments are drawn as the nearest of those that are kept: what is mixed of two takes longer.
-    pub fn set_rough(&mut self, rough: bool) {
-        self.rough = rough;
     }
 
     /// How the asset is drawn from now on where it is drawn as the film was; `model` is the same asset.
@@ -258,7 +242,7 @@ impl Stage {
         let viewer = self.making.viewer;
         match (shows, &mut self.others, &mut self.merged_field) {
             (Shows::AsFilm(_), Some(others), _) if others.viewer == viewer => others.field.at(time),
-            (Shows::Smallest, _, Some(merged)) => merged.nearest(time),
+            (Shows::Smallest, _, Some(merged)) => merged.at(time),
             _ => self.at(time),
         }
     }
@@ -335,7 +319,7 @@ impl Stage {
     }
 
     fn plan(&mut self, pose: &Pose, canvas: Canvas) -> Result<Arc<FramePlan>, EngineError> {
-        let made_for = MadeFor { pose: *pose, canvas, making: self.making, rough: self.rough };
+        let made_for = MadeFor { pose: *pose, canvas, making: self.making };
         if let Some((_, plan)) = self.planned.as_ref().filter(|(known, _)| *known == made_for) {
             return Ok(Arc::clone(plan));
         }
@@ -353,7 +337,6 @@ struct MadeFor {
     pose: Pose,
     canvas: Canvas,
     making: Making,
-    rough: bool,
 }
 
 fn middle(look_at: LookAt) -> Middle {

@@ -47,8 +47,6 @@ fn what_a_network_changes_is_mixed_of_the_moments_beside() {
             Arc::ptr_eq(mixed.at(0.1).expect("mixes").sh_coeffs(), mixed.at(0.9).expect("mixes").sh_coeffs()),
             { name == "dnerf_like" }
         );
-        let nearest = read(&mixed.nearest(6.9 / parts).expect("deforms"));
-        assert!(nearest == known(&mut field, 6.0), "{name}: whole steps alone are near");
     }
 }
 
@@ -76,7 +74,7 @@ fn between_two_moments_splats_are_where_the_network_has_them() {
     let model = Model::open(scene.path()).expect("the scene opens");
     let radius = LookAt::of(&model, USUAL_FOV_X_RAD).radius * (USUAL_FOV_X_RAD / 2.0).tan();
     let (mut field, mut mixed) = fields(&gpu, &model);
-    for time in [0.0417, 0.2291, 0.5403, 0.8727, 0.9911] {
+    for time in [0.0417_f64, 0.2291, 0.5403, 0.8727, 0.9911] {
         let exact = field.at(time as f32).expect("deforms").read().expect("reads").means;
         // So many radii off that nine of ten splats are no farther.
         let off = |state: Arc<SplatState>| {
@@ -88,10 +86,11 @@ fn between_two_moments_splats_are_where_the_network_has_them() {
             apart.sort_by(f64::total_cmp);
             apart[apart.len() * 9 / 10]
         };
-        let (mixed, nearest) = (off(mixed.at(time).expect("mixes")), off(mixed.nearest(time).expect("deforms")));
+        let beside = ((time * 96.0).round() / 96.0) as f32;
+        let (mixed, nearest) = (off(mixed.at(time).expect("mixes")), off(field.at(beside).expect("deforms")));
         // A tenth of a pixel where the radius is 160 px; 0.06 px are seen.
         assert!(mixed <= 0.1 / 160.0, "{time}: {mixed} radii");
-        assert!(mixed < 0.5 * nearest, "{time}: {mixed} radii, and {nearest} at the step beside");
+        assert!(mixed < 0.5 * nearest, "{time}: {mixed} radii, and {nearest} at the moment beside");
     }
 }
 
@@ -102,5 +101,5 @@ fn what_needs_no_network_is_not_mixed() {
     let model = Model::open(scene.path()).expect("the scene opens");
     let still = DeformField::new(&gpu, &model.gaussians, &Motion::Still).expect("uploads");
     let mut mixed = MixedField::new(&gpu, still);
-    assert!(Arc::ptr_eq(&mixed.at(0.123).expect("still"), &mixed.nearest(0.9).expect("still")), "one state");
+    assert!(Arc::ptr_eq(&mixed.at(0.123).expect("still"), &mixed.at(0.9).expect("still")), "one state");
 }

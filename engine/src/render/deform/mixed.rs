@@ -1,4 +1,4 @@
-//! The splats of a scene at any moment, those between even steps mixed of the two beside them.
+//! The splats of a scene at any moment, most of them mixed of two beside it.
 
 use std::sync::Arc;
 
@@ -10,11 +10,10 @@ use super::state::SplatState;
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 
-/// Steps from the first moment to the last, or as few more as have each bend of the movement at an end; a movement that
-/// bends more often is not mixed.
+/// Steps from the first moment to the last at which a scene that moves is looked for, or a few more.
 const STEPS: u32 = 48;
-const MOST_BENDS: u32 = 96;
-/// Parts of a step that are mixed between: what is wrong with that is a quarter with halves.
+/// Parts of the motion that are mixed between, for each of them at least: with two, what is wrong is a quarter of what
+/// it is with one.
 const PARTS: u32 = 2;
 /// What moments that are asked for may take in all, beside the latest few; and mixed moments that are kept.
 const MOST_BYTES: usize = 512 << 20;
@@ -27,10 +26,10 @@ const CACHED: usize = 4;
 pub struct MixedField {
     device: Device,
     field: DeformField,
-    steps: u32,
-    /// Whether moments between steps are mixed; else they cost next to nothing, or a file says which there are.
-    mixes: bool,
-    /// What tells one step from the other, of one part at a time.
+    /// Even parts of the motion that are mixed between; none where moments cost next to nothing, or a file says which
+    /// there are.
+    parts: Option<u32>,
+    /// What tells one moment from the next, of one of a splat's properties at a time.
     delta: Option<Buffer<f32>>,
     /// Mixed moments, the least recently used first.
     cached: Vec<(u64, Arc<SplatState>)>,
@@ -40,25 +39,17 @@ impl MixedField {
     /// Takes over a scene.
     #[must_use]
     pub fn new(device: &Device, field: DeformField) -> Self {
-        // Between two bends splats move all but evenly.
-        let bends = field.bends().filter(|bends| *bends <= MOST_BENDS);
-        let steps = bends.map_or(STEPS, |bends| bends * STEPS.div_ceil(bends));
+        // All bends of the movement are ends of parts: between two of them splats move all but evenly.
+        let parts = field.bends().map(|bends| bends * (PARTS * STEPS).div_ceil(bends));
         let field = field.with_cached_bytes(LEAST, MOST_BYTES);
-        Self { device: device.clone(), field, steps, mixes: bends.is_some(), delta: None, cached: Vec::new() }
+        Self { device: device.clone(), field, parts, delta: None, cached: Vec::new() }
     }
 
-    /// Steps from the first moment to the last.
+    /// Even steps from the first moment to the last, some dozens: at as many moments a scene that moves is looked for.
+    /// Those at their ends are the cheapest.
     #[must_use]
     pub fn steps(&self) -> u32 {
-        self.steps
-    }
-
-    /// The splats at the step that is nearest to `time`, which is from 0 to 1.
-    ///
-    /// # Errors
-    /// When memory runs out or the device fails.
-    pub fn nearest(&mut self, time: f64) -> Result<Arc<SplatState>, EngineError> {
-        self.part(f64::from(PARTS) * (time * f64::from(self.steps)).round())
+        self.parts.map_or(STEPS, |parts| parts / (parts / STEPS))
     }
 
     /// The splats at `time`, which is from 0 to 1: means, log scales, quaternions and what else changes are mixed
@@ -67,18 +58,17 @@ impl MixedField {
     /// # Errors
     /// When memory runs out or the device fails.
     pub fn at(&mut self, time: f64) -> Result<Arc<SplatState>, EngineError> {
-        if !self.mixes {
-            return self.field.at(narrow(time));
-        }
-        let at = time.clamp(0.0, 1.0) * f64::from(PARTS * self.steps);
+        let Some(parts) = self.parts.map(f64::from) else { return self.field.at(narrow(time)) };
+        let at = time.clamp(0.0, 1.0) * parts;
         if at.fract() == 0.0 {
-            return self.part(at);
+            return self.field.at(narrow(at / parts));
         }
         let key = at.to_bits();
         if let Some(found) = self.cached.iter().position(|(known, _)| *known == key) {
             self.cached[found..].rotate_left(1);
         } else {
-            let (before, behind) = (self.part(at.floor())?, self.part(at.ceil())?);
+            let mut beside = |part: f64| self.field.at(narrow(part / parts));
+            let (before, behind) = (beside(at.floor())?, beside(at.ceil())?);
             let mixed = Arc::new(self.mix(&before, &behind, narrow(at.fract()))?);
             if self.cached.len() == CACHED {
                 self.cached.remove(0);
@@ -86,10 +76,6 @@ impl MixedField {
             self.cached.push((key, mixed));
         }
         Ok(Arc::clone(&self.cached[self.cached.len() - 1].1))
-    }
-
-    fn part(&mut self, number: f64) -> Result<Arc<SplatState>, EngineError> {
-        self.field.at(narrow(number / f64::from(PARTS * self.steps)))
     }
 
     fn mix(&mut self, before: &SplatState, behind: &SplatState, share: f32) -> Result<SplatState, EngineError> {
