@@ -104,8 +104,9 @@ pub struct Fit {
     pub tied: f64,
 }
 
-/// What differs between a film's picture and the asset's.
+/// What differs between a film's picture and the asset's from a pose.
 struct Compared {
+    pose: Pose,
     drawn: Drawn,
     left: Difference,
 }
@@ -162,26 +163,24 @@ pub fn align(stage: &mut Stage, film: &Gray, begun: &Pose, plan: Plan) -> Result
     let begun = &stage.about_what_is_seen(begun)?;
     let target = Target::new(film, begun, plan.detail, plan.way)?;
     let width = target.picture.width as f64;
-    let mut pose = *begun;
-    let mut at = target.compare(stage, &pose, None)?;
+    let mut at = target.compare(stage, begun, None)?;
     let mut bound = at.bound();
-    let mut slope = Slope::at(stage, &target, &at, &pose, plan, None)?;
+    let mut slope = Slope::at(stage, &target, &at, plan, None)?;
     let (mut damping, mut refused) = (DAMPING, 0);
     for _ in 0..plan.steps {
-        let Some(step) = slope.normal(&at, bound, pose.lens - begun.lens).step(damping) else { break };
-        let moves = step.iter().zip(pose.reach()).map(|(step, reach)| (step * reach * width).powi(2)).sum::<f64>();
+        let Some(step) = slope.normal(&at, bound, at.pose.lens - begun.lens).step(damping) else { break };
+        let moves = step.iter().zip(at.pose.reach()).map(|(step, reach)| (step * reach * width).powi(2)).sum::<f64>();
         let still = if plan.way == Way::Exact { STILL_EXACT_PX } else { STILL_PX };
         if !moves.is_finite() || moves.sqrt() < still {
             break;
         }
-        let next = pose.moved(&step);
-        let there = target.compare(stage, &next, Some(bound))?;
+        let there = target.compare(stage, &at.pose.moved(&step), Some(bound))?;
         if there.cost(bound) < at.cost(bound) {
-            (pose, at, damping, refused) = (next, there, damping / HARDER, 0);
+            (at, damping, refused) = (there, damping / HARDER, 0);
             bound = at.bound();
-            slope = Slope::at(stage, &target, &at, &pose, plan, Some(slope))?;
-        } else if slope.drawn_at != pose {
-            slope = Slope::at(stage, &target, &at, &pose, plan, None)?;
+            slope = Slope::at(stage, &target, &at, plan, Some(slope))?;
+        } else if slope.drawn_at != at.pose {
+            slope = Slope::at(stage, &target, &at, plan, None)?;
         } else {
             damping *= HARDER * HARDER;
             refused += 1;
@@ -194,7 +193,7 @@ pub fn align(stage: &mut Stage, film: &Gray, begun: &Pose, plan: Plan) -> Result
     let lens_weight = if plan.lens { normal.known(LENS) / at.cost(bound) } else { 0.0 };
     let tied = if plan.time && stage.moves() { normal.matrix[(TIME, TIME)] / normal.known(TIME) } else { 1.0 };
     let correlation = at.likeness(&target.picture, bound);
-    Ok(Fit { pose, cost: at.cost(bound), correlation, lens_weight, tied })
+    Ok(Fit { pose: at.pose, cost: at.cost(bound), correlation, lens_weight, tied })
 }
 
 /// What poses cost as they are, in what differs where the asset is drawn from any of them, by one measure for all.
@@ -243,9 +242,7 @@ pub fn moments(
         let time = f64::from(step) / f64::from(stage.steps());
         if (time - pose.time).abs() <= reach {
             let there = Pose { time, ..*pose };
-            let drawn = stage.draw(&there, target.canvas)?;
-            let left = difference(&drawn, &target.picture, Some(bound), target.levels());
-            tried.push(Tried { cost: cost(&left.residual, bound), pose: there });
+            tried.push(Tried { cost: target.compare(stage, &there, Some(bound))?.cost(bound), pose: there });
         }
     }
     let beside = |at: Option<usize>| at.and_then(|at| tried.get(at)).map_or(f64::INFINITY, |tried| tried.cost);
@@ -277,18 +274,17 @@ impl Slope {
         stage: &mut Stage,
         film: &Target,
         at: &Compared,
-        pose: &Pose,
         plan: Plan,
         last: Option<Self>,
     ) -> Result<Self, EngineError> {
         let width = film.picture.width as f64;
-        let (mut of, drawn_at) = match last.filter(|last| last.drawn_at.apart_px(pose, width) < KEPT_PX) {
+        let (mut of, drawn_at) = match last.filter(|last| last.drawn_at.apart_px(&at.pose, width) < KEPT_PX) {
             Some(last) if plan.way == Way::Exact => return Ok(last),
             Some(Self { mut of, drawn_at }) if of[TIME].is_some() => {
                 of[..TIME].fill(None);
                 (of, drawn_at)
             }
-            _ => ([const { None }; PARAMETERS], *pose),
+            _ => ([const { None }; PARAMETERS], at.pose),
         };
         let moves = stage.moves();
         let is_free = |parameter: usize| match parameter {
@@ -297,7 +293,7 @@ impl Slope {
             _ => true,
         };
         if plan.way != Way::Exact {
-            let known = Self::by_flow(stage, film, at, pose)?;
+            let known = Self::by_flow(stage, film, at)?;
             known.into_iter().zip(&mut of).for_each(|(known, of)| *of = Some(known));
         }
         for (parameter, of) in of.iter_mut().enumerate() {
@@ -306,25 +302,25 @@ impl Slope {
             } else if of.is_none() {
                 let by = match (parameter, plan.way) {
                     (TIME, Way::Small) => 1.0 / f64::from(stage.steps()),
-                    _ => PROBE_PX / film.picture.width as f64 / pose.reach()[parameter],
+                    _ => PROBE_PX / film.picture.width as f64 / at.pose.reach()[parameter],
                 };
                 // Time ends.
-                let by = if parameter == TIME && pose.time + by > 1.0 { -by } else { by };
+                let by = if parameter == TIME && at.pose.time + by > 1.0 { -by } else { by };
                 let probe = Probe { parameter, by, on_both_sides: plan.way == Way::Exact };
-                *of = Some(Self::drawn(stage, film, at, pose, probe)?);
+                *of = Some(Self::drawn(stage, film, at, probe)?);
             }
         }
         Ok(Self { of, drawn_at })
     }
 
     /// By where each pixel's point moves to, and the gradient there: fast, and near enough to lead on.
-    fn by_flow(stage: &mut Stage, film: &Target, at: &Compared, pose: &Pose) -> Result<Vec<Vec<f64>>, EngineError> {
+    fn by_flow(stage: &mut Stage, film: &Target, at: &Compared) -> Result<Vec<Vec<f64>>, EngineError> {
         let width = film.picture.width as f64;
         let mut of = vec![vec![0.0; film.picture.values.len()]; TIME];
         // The mean of both gradients: steps are of second order then (Malis 2004).
         let [own, there] = [&at.left.shown, &film.picture].map(Gray::slope);
-        for (pixel, point) in stage.points(pose, film.canvas)?.into_iter().enumerate() {
-            let Some(flow) = point.and_then(|point| pose.flow(point)) else { continue };
+        for (pixel, point) in stage.points(&at.pose, film.canvas)?.into_iter().enumerate() {
+            let Some(flow) = point.and_then(|point| at.pose.flow(point)) else { continue };
             let [right, down] = [0, 1].map(|i| 0.5 * f64::from(own[i][pixel] + there[i][pixel]) * width);
             for (slope, [u, v]) in of.iter_mut().zip(flow) {
                 slope[pixel] = -(right * u + down * v);
@@ -334,18 +330,12 @@ impl Slope {
     }
 
     /// By the difference of two pictures: this one and one beside it, or, for exact steps, one on each side.
-    fn drawn(
-        stage: &mut Stage,
-        film: &Target,
-        at: &Compared,
-        pose: &Pose,
-        probe: Probe,
-    ) -> Result<Vec<f64>, EngineError> {
+    fn drawn(stage: &mut Stage, film: &Target, at: &Compared, probe: Probe) -> Result<Vec<f64>, EngineError> {
         let Probe { parameter, by, on_both_sides } = probe;
         let [before, behind] = [if on_both_sides { -by } else { 0.0 }, by].map(|by| {
             let mut step = [0.0; PARAMETERS];
             step[parameter] = by;
-            pose.moved(&step)
+            at.pose.moved(&step)
         });
         let apart = behind.since(&before)[parameter];
         let mut shown = |pose| Ok(at.left.exposure.of(&stage.draw(&pose, film.canvas)?).values);
@@ -435,7 +425,7 @@ impl Target {
     fn compare(&self, stage: &mut Stage, pose: &Pose, bound: Option<f64>) -> Result<Compared, EngineError> {
         let drawn = stage.draw(pose, self.canvas)?;
         let left = difference(&drawn, &self.picture, bound, self.levels());
-        Ok(Compared { drawn, left })
+        Ok(Compared { pose: *pose, drawn, left })
     }
 
     /// Only what is drawn as the film was tells more of its levels than contrast and brightness.

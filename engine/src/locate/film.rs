@@ -11,7 +11,7 @@ use super::picture::Picture;
 use super::pose::Pose;
 use super::search::{NEAR, NEXT, SCANNED, TELL, anywhere};
 use super::settle::settle;
-use super::shots::{is_same, shots};
+use super::shots::{both_ways, is_same, shots};
 use super::so_far::{Begun, Exactly, First, SoFar};
 use super::stage::{Making, Stage};
 use super::views::Vantage;
@@ -186,9 +186,7 @@ impl Locator {
     ) -> Result<Vec<Option<Fit>>, EngineError> {
         let mut fits: Vec<Option<Fit>> = vec![None; frames.len()];
         fits[begun.frame] = Some(begun.fit.0);
-        let forward: Vec<usize> = (begun.frame + 1..frames.len()).collect();
-        let backward: Vec<usize> = (0..begun.frame).rev().collect();
-        for way in [forward, backward] {
+        for way in both_ways(begun.frame, frames.len()) {
             let (mut last, mut earlier, mut before) = (begun.fit.0, None, begun.frame);
             for at in way {
                 work.one("frames found")?;

@@ -5,7 +5,7 @@ use super::gray::Gray;
 use super::picture::Picture;
 use super::pose::Pose;
 use super::search::{LAST, NEAR, NEXT, SCANNED, last_steps, over_the_motion, with_lens};
-use super::shots::is_same;
+use super::shots::{both_ways, is_same};
 use super::stage::Stage;
 use super::work::Work;
 use crate::base::numbers::median;
@@ -87,15 +87,14 @@ pub fn over_all_moments(
         let mut mended = false;
         for place in places.iter().take(CLOSER) {
             let fit = all_steps(stage, &frames[at].gray, &with_lens(place.pose, lens))?;
-            mended |= take_better(stage, &frames[at], &mut fits[at], fit)?;
+            mended |= take_better(stage, &frames[at].gray, &mut fits[at], fit)?;
         }
         // The others are where they are, too, if the dearest is.
         if !mended {
             break;
         }
         any = true;
-        let [forward, backward]: [Vec<usize>; 2] = [(at + 1..fits.len()).collect(), (0..at).rev().collect()];
-        for way in [forward, backward] {
+        for way in both_ways(at, fits.len()) {
             let mended = carry(stage, frames, fits, at, &way)?;
             mended.iter().for_each(|next| looked_at[*next] = true);
             // And back: those beside it may have come closer.
@@ -128,7 +127,7 @@ fn carry(
             let starts = [ahead, with_lens(near.pose, begun.lens)];
             let costs = costs_of(stage, frame, &starts, LAST)?;
             let fit = all_steps(stage, frame, &starts[usize::from(costs[1] < costs[0])])?;
-            if !take_better(stage, &frames[at], &mut fits[at], fit)? {
+            if !take_better(stage, frame, &mut fits[at], fit)? {
                 break;
             }
             earlier = Some(begun);
@@ -154,10 +153,10 @@ fn all_steps(stage: &mut Stage, frame: &Gray, begun: &Pose) -> Result<Fit, Engin
 }
 
 /// Takes another place of a frame if it fits clearly better there; whether that is elsewhere.
-fn take_better(stage: &mut Stage, frame: &Picture, known: &mut Fit, other: Fit) -> Result<bool, EngineError> {
-    let costs = costs_of(stage, &frame.gray, &[known.pose, other.pose], LAST)?;
+fn take_better(stage: &mut Stage, frame: &Gray, known: &mut Fit, other: Fit) -> Result<bool, EngineError> {
+    let costs = costs_of(stage, frame, &[known.pose, other.pose], LAST)?;
     let is_better = costs[1] < BETTER * costs[0];
-    let is_elsewhere = known.pose.apart_px(&other.pose, frame.gray.width as f64) >= ELSEWHERE_PX;
+    let is_elsewhere = known.pose.apart_px(&other.pose, frame.width as f64) >= ELSEWHERE_PX;
     if is_better {
         *known = other;
     }

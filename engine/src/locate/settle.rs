@@ -1,11 +1,13 @@
 //! Frames of a shot where they fit best, by one lens and beside each other.
 
+use std::iter::once;
+
 use super::align::{Fit, Plan, Way, align, costs_of};
 use super::mend::{look_again, over_all_moments};
 use super::picture::Picture;
 use super::pose::Pose;
 use super::search::{LAST, TELL, TIED, last_steps, with_lens};
-use super::shots::is_same;
+use super::shots::{both_ways, is_same};
 use super::stage::Stage;
 use super::work::Work;
 use crate::base::numbers::median;
@@ -35,9 +37,7 @@ pub(super) fn settle(
     let lens = lens_of(stage, frames, fits, work)?;
     // From the frame that was found first to both ends: what was mended there is mended in the next, too.
     let found = fits.to_vec();
-    let forward: Vec<usize> = (begun..frames.len()).collect();
-    let backward: Vec<usize> = (0..begun).rev().collect();
-    for way in [forward, backward] {
+    for way in once(vec![begun]).chain(both_ways(begun, frames.len())) {
         for at in way {
             work.one("cameras refined")?;
             let toward = |by: usize| if at > begun { at.checked_sub(by) } else { Some(at + by) };

@@ -44,6 +44,11 @@ pub fn is_same(a: &Gray, b: &Gray) -> bool {
     a.values.iter().zip(&b.values).all(|(a, b)| (a - b).abs() <= SAME)
 }
 
+/// Those of `len` frames that follow one, and those before it, each from it on.
+pub(super) fn both_ways(from: usize, len: usize) -> [Vec<usize>; 2] {
+    [(from + 1..len).collect(), (0..from).rev().collect()]
+}
+
 fn small(frame: &Gray) -> Gray {
     let width = COMPARED_PX.min(frame.width);
     let height = (frame.height * width / frame.width).max(1);

@@ -29,6 +29,8 @@ fn what_a_network_changes_is_mixed_of_the_moments_beside() {
     for name in ["dynerf_like", "dnerf_like"] {
         let model = Model::open(&golden::model(name)).expect("the model opens");
         let (mut field, mut mixed) = fields(&gpu, &model);
+        // Planes of six samples from -1 to 1 bend at 0.2 and 0.6, which are ends of fifths: each has twenty parts.
+        assert_eq!(mixed.steps(), 50, "{name}");
         let parts = 2.0 * f64::from(mixed.steps());
         let known = |field: &mut DeformField, part: f64| read(&field.at((part / parts) as f32).expect("deforms"));
         assert!(
@@ -74,6 +76,7 @@ fn between_two_moments_splats_are_where_the_network_has_them() {
     let model = Model::open(scene.path()).expect("the scene opens");
     let radius = LookAt::of(&model, USUAL_FOV_X_RAD).radius * (USUAL_FOV_X_RAD / 2.0).tan();
     let (mut field, mut mixed) = fields(&gpu, &model);
+    assert_eq!(mixed.steps(), 48, "of 25 samples twelve parts are in time");
     for time in [0.0417_f64, 0.2291, 0.5403, 0.8727, 0.9911] {
         let exact = field.at(time as f32).expect("deforms").read().expect("reads").means;
         // So many radii off that nine of ten splats are no farther.
