@@ -45,10 +45,8 @@ fn what_a_network_changes_is_mixed_of_the_moments_beside() {
             // Sums in another order.
             assert_close(between, &want, 1e-6, 1e-6);
         }
-        assert_eq!(
-            Arc::ptr_eq(mixed.at(0.1).expect("mixes").sh_coeffs(), mixed.at(0.9).expect("mixes").sh_coeffs()),
-            { name == "dnerf_like" }
-        );
+        let (early, late) = (mixed.at(0.1).expect("mixes"), mixed.at(0.9).expect("mixes"));
+        assert_eq!(Arc::ptr_eq(early.sh_coeffs(), late.sh_coeffs()), name == "dnerf_like");
     }
 }
 
