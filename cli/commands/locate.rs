@@ -129,9 +129,9 @@ fn human(report: &LocateReport) -> String {
     if let Some([first, last]) = report.times {
         rows.push(("moments, first and last", format!("{first:.3}, {last:.3}")));
     }
-    if let Some(Making { viewer, times }) = report.making {
+    if let Some(Making { settings, times }) = report.making {
         let smaller = if times > 1 { ", and made smaller" } else { "" };
-        rows.push(("drawn by", format!("{}{smaller}", viewer.name())));
+        rows.push(("drawn by", format!("{settings}{smaller}")));
     }
     if report.mirrored {
         rows.push(("mirrored", "yes".to_owned()));

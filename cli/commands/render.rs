@@ -8,6 +8,7 @@ use guard4d_engine::error::EngineError;
 use guard4d_engine::media::Frame;
 use guard4d_engine::render::SceneRenderer;
 use guard4d_engine::render::profile::Viewer;
+use guard4d_engine::render::settings::Settings;
 
 use crate::flags::common::Common;
 use crate::flags::film::FilmArgs;
@@ -18,6 +19,9 @@ use crate::shared::{device, film, model};
 use crate::ui::outcome::Outcome;
 use crate::ui::progress::bar;
 use crate::ui::stop;
+
+/// Splats that are widened by more, px², are not recognised.
+const MOST_DILATION: f32 = 100.0;
 
 /// What is filmed, from where, and what with.
 #[derive(Args, Debug)]
@@ -31,6 +35,14 @@ pub(crate) struct RenderArgs {
     /// Backgrounds stay the model's.
     #[arg(long = "as", value_name = "NAME", default_value = "reference", hide_default_value = true)]
     viewer: Viewer,
+    /// What the renderer adds to both variances of a splat on the image, where that is not what it usually adds
+    ///
+    /// 0.3 is usual. `trace` and `locate` tell what fits a film.
+    #[arg(long, value_name = "PX2", value_parser = dilation)]
+    dilation: Option<f32>,
+    /// Draw spherical harmonics up to this degree alone, from 0 to 3
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=3))]
+    sh_degree: Option<u32>,
     #[command(flatten)]
     views: EvaluationViews,
     #[command(flatten)]
@@ -61,7 +73,8 @@ pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<Outcome, EngineE
     let clips = cameras.clips();
     let total: usize = clips.iter().map(Vec::len).sum();
     let progress = bar(common, total as u64);
-    let (profile, background) = (args.viewer.profile(), model.background);
+    let settings = Settings { viewer: args.viewer, dilation: args.dilation, sh_degree: args.sh_degree };
+    let (profile, background) = (settings.profile(), model.background);
     let mut renderer = SceneRenderer::by_profile(&device, &model.gaussians, &model.motion, background, &profile)?;
     let shoot = |each: &mut dyn FnMut(Frame) -> Result<(), EngineError>| {
         renderer.render_clips(&clips, |_, camera, pixels| {
@@ -79,4 +92,10 @@ pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<Outcome, EngineE
     }
     progress.finish_and_clear();
     Ok(Outcome::Done)
+}
+
+/// Reads `--dilation`.
+fn dilation(text: &str) -> Result<f32, String> {
+    let dilation = text.parse().ok().filter(|dilation| (0.0..=MOST_DILATION).contains(dilation));
+    dilation.ok_or_else(|| format!("a number from 0 to {MOST_DILATION} is expected"))
 }

@@ -40,7 +40,7 @@ pub(crate) fn human(report: &Report) -> String {
         rows.push(("frames", report.frames.to_string()));
     }
     for drawn in &report.drawn_as {
-        rows.push(("drawn as by", drawn.viewer.to_owned()));
+        rows.push(("drawn as by", drawn.settings.to_string()));
     }
     for found in &report.located {
         rows.push(("cameras found", found_in_words(found)));

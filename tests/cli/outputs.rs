@@ -327,6 +327,19 @@ fn a_film_is_drawn_as_a_viewer_draws_it() {
     let plain = filmed("plain", &[]);
     assert!(plain == filmed("reference", &["--as", "reference"]), "the reference is what is drawn anyway");
     assert!(plain != filmed("playcanvas", &["--as", "playcanvas"]), "others draw otherwise");
+    assert!(plain == filmed("set-alike", &["--dilation", "0.3", "--sh-degree", "3"]), "the reference's own settings");
+    for (name, flags) in [("thin", ["--dilation", "0"]), ("flat", ["--sh-degree", "0"])] {
+        assert!(plain != filmed(name, &flags), "{name} splats look otherwise");
+    }
     let out = folder.path().join("none");
-    guard4d(&[&"render", &model, &"--out", &out, &"--as", &"polycam"]).refused(2, &["reference, gsplat"]);
+    let refused: [(&str, &str, &[&str]); 4] = [
+        ("--as", "polycam", &["reference, gsplat"]),
+        ("--dilation", "-0.1", &["--dilation", "from 0 to 100"]),
+        ("--dilation", "NaN", &["--dilation", "from 0 to 100"]),
+        ("--sh-degree", "4", &["--sh-degree", "0..=3"]),
+    ];
+    for (flag, value, words) in refused {
+        let given = format!("{flag}={value}");
+        guard4d(&[&"render", &model, &"--out", &out, &given]).refused(2, words);
+    }
 }

@@ -17,6 +17,7 @@ use guard4d_engine::media::{Frame, ReadOptions, read_clip};
 use guard4d_engine::picture::metrics::{Picture, PsnrSummary, SquaredError};
 use guard4d_engine::render::SceneRenderer;
 use guard4d_engine::render::profile::Viewer;
+use guard4d_engine::render::settings::Settings;
 use guard4d_engine::scene::camera::paths::{Lens, Orbit};
 use guard4d_engine::scene::demo::DemoScene;
 use guard4d_engine::scene::{Camera, FrameSize, LookAt, Model};
@@ -54,7 +55,7 @@ pub(super) fn film(gpu: &Gpu, model: &Model, sh_coeffs: Vec<f32>, shots: &[(Came
 fn film_by(gpu: &Gpu, model: &Model, sh_coeffs: Vec<f32>, shots: &[(Camera, f32)], look: &Look) -> Vec<Frame> {
     let mut gaussians = model.gaussians.clone();
     gaussians.sh_coeffs = sh_coeffs;
-    let profile = look.viewer.profile();
+    let profile = look.settings.profile();
     let mut renderer =
         SceneRenderer::by_profile(gpu, &gaussians, &model.motion, look.background, &profile).expect("a renderer");
     let mut frames = Vec::new();
@@ -143,14 +144,20 @@ fn a_film_is_compared_as_it_was_drawn() {
     };
     let own = Look::of(&model);
     let usual = score(&film(&gpu, &model, issue.stamp(LEAKED), &shots), &mut None);
-    let viewer = Look { viewer: Viewer::GaussianSplats3d, ..own };
+    let viewer = Look { settings: Viewer::GaussianSplats3d.into(), ..own };
     let green = Look { background: [0.1, 0.55, 0.2], ..own };
-    for look in [own, viewer, green] {
+    let thin = Look { settings: Settings { dilation: Some(0.04), ..Viewer::Gsplat.into() }, ..own };
+    for look in [own, viewer, green, thin] {
         let frames = film_by(&gpu, &model, issue.stamp(LEAKED), &shots, &look);
         let mut told = None;
         let of_film = score(&frames, &mut told);
         let told = told.expect("the first frame tells");
-        assert_eq!((told.viewer, told.detail), (look.viewer, look.detail));
+        if look != thin {
+            assert_eq!((told.settings, told.detail), (look.settings, look.detail));
+        }
+        let [dilation, wanted] = [told, look].map(|look| look.settings.profile().rules.dilation);
+        // Widths of 0.20 px and 0.28.
+        assert!((dilation - wanted).abs() < 0.04, "{told:?} of {look:?}");
         let off = largest(told.background.iter().zip(look.background).map(|(a, b)| (a - b).abs()));
         // Levels of 8 bits, and a line through them.
         assert!(off < 0.02, "{told:?} of {look:?}");
@@ -158,7 +165,7 @@ fn a_film_is_compared_as_it_was_drawn() {
     }
     // Drawn as the reference on the model's own background, either film says less: of the green one only what shows
     // through is lost.
-    for (look, share) in [(viewer, 0.0..0.95), (green, 0.85..0.99)] {
+    for (look, share) in [(viewer, 0.0..0.95), (green, 0.85..0.99), (thin, 0.0..0.95)] {
         let frames = film_by(&gpu, &model, issue.stamp(LEAKED), &shots, &look);
         let (as_own, as_drawn) = (score(&frames, &mut Some(own)), score(&frames, &mut Some(look)));
         assert!(share.contains(&(as_own / as_drawn)), "{as_own:.1} of {as_drawn:.1}: {look:?}");

@@ -120,7 +120,7 @@ fn another_renderer_is_told_and_frames_are_fitted_by_it() {
         let truth = Pose::of_camera(&camera, 0.0, middle).expect("the middle is in front");
         let film = frame_by(viewer, &gpu, &model, camera, false);
         let track = locator.locate(&model, &[looked_at(&film)], &mut Unobserved).expect("it looks");
-        assert_eq!(track.making, Making { viewer, times: 1 }, "of {}", viewer.name());
+        assert_eq!(track.making, Making { settings: viewer.into(), times: 1 }, "of {}", viewer.name());
         let fit = track.frames[0].unwrap_or_else(|| panic!("{} is not found: {:?}", viewer.name(), track.guess));
         let apart = Pose { lens: truth.lens, ..fit.pose }.apart_px(&truth, f64::from(WIDTH_PX));
         // As the film was drawn, all but what the lens leaves open; by the reference it is ten times as much.

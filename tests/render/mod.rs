@@ -4,6 +4,7 @@ mod deform;
 mod profile;
 mod renderer;
 mod scene_renderer;
+mod settings;
 mod storage;
 
 use guard4d_engine::error::EngineError;

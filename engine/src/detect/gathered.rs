@@ -17,6 +17,7 @@ use crate::fingerprint::seen::Seen;
 use crate::fingerprint::shot::Shot;
 use crate::locate::finding::LocateReport;
 use crate::media::{Frame, FrameSource};
+use crate::render::settings::Settings;
 use crate::scene::{Camera, CameraSet, FrameSize, Model};
 
 /// How far the shapes of frames and cameras may differ, as a share: sides are rounded to whole, even pixels.
@@ -55,8 +56,9 @@ pub struct Gathered {
 /// How a film was drawn: as its first frame is least different from the unmarked asset.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DrawnAs {
-    /// Whose renderer, as `render --as` calls it.
-    pub viewer: &'static str,
+    /// Whose renderer, and how it was set: as `render --as`, `--dilation` and `--sh-degree` take it.
+    #[serde(flatten)]
+    pub settings: Settings,
     /// Whether it was made half as large afterwards.
     pub made_smaller: bool,
     /// What stands behind the asset: red, green and blue, 0 to 1.
@@ -64,8 +66,8 @@ pub struct DrawnAs {
 }
 
 impl DrawnAs {
-    fn of(Look { viewer, detail, background }: Look) -> Self {
-        Self { viewer: viewer.name(), made_smaller: detail == Detail::Twice, background }
+    fn of(Look { settings, detail, background }: Look) -> Self {
+        Self { settings, made_smaller: detail == Detail::Twice, background }
     }
 }
 

@@ -6,6 +6,7 @@ use guard4d_kernels::{Buffer, Device};
 use crate::error::EngineError;
 use crate::render::deform::DeformField;
 use crate::render::profile::Viewer;
+use crate::render::settings::Settings;
 use crate::render::{Frame as FrameOfClip, FrameMut, FramePlan, OffsetBases, Offsets, Prune, Renderer};
 use crate::scene::{Camera, FrameSize, Model};
 
@@ -15,8 +16,8 @@ pub(super) const BASES: OffsetBases = OffsetBases::Dc;
 /// How a film was drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look {
-    /// Whose renderer.
-    pub viewer: Viewer,
+    /// Whose renderer, and how it was set.
+    pub settings: Settings,
     /// How finely.
     pub detail: Detail,
     /// What stands behind the asset.
@@ -36,7 +37,7 @@ impl Look {
     /// As the model's own pictures are.
     #[must_use]
     pub fn of(model: &Model) -> Self {
-        Self { viewer: Viewer::Reference, detail: Detail::AsLarge, background: model.background }
+        Self { settings: Viewer::Reference.into(), detail: Detail::AsLarge, background: model.background }
     }
 }
 
@@ -56,7 +57,7 @@ impl Detail {
 /// The original as one renderer has it.
 #[derive(Debug)]
 pub(super) struct Painter {
-    viewer: Viewer,
+    settings: Settings,
     device: Device,
     field: DeformField,
     renderer: Renderer,
@@ -72,19 +73,19 @@ pub(super) struct Drawn {
 impl Painter {
     /// # Errors
     /// When memory runs out or the device fails.
-    pub(super) fn new(device: &Device, model: &Model, viewer: Viewer) -> Result<Self, EngineError> {
-        let profile = viewer.profile();
+    pub(super) fn new(device: &Device, model: &Model, settings: Settings) -> Result<Self, EngineError> {
+        let profile = settings.profile();
         Ok(Self {
-            viewer,
+            settings,
             device: device.clone(),
             field: profile.upload(device, &model.gaussians, &model.motion)?,
             renderer: Renderer::new(device)?.with_rules(profile.rules),
         })
     }
 
-    /// Whose renderer it is.
-    pub(super) fn viewer(&self) -> Viewer {
-        self.viewer
+    /// How it draws.
+    pub(super) fn settings(&self) -> Settings {
+        self.settings
     }
 
     /// What draws a view at a time.
@@ -134,7 +135,7 @@ impl Painter {
 
     /// Whether [`Painter::draw`] rounds what [`Painter::draw_linear`] does not.
     pub(super) fn rounds(&self) -> bool {
-        self.viewer.profile().rules.framebuffer == Framebuffer::Bytes
+        self.settings.profile().rules.framebuffer == Framebuffer::Bytes
     }
 
     /// Adds what a picture says of each splat's offsets: the transpose of [`Painter::draw_linear`].

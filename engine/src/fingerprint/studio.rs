@@ -7,6 +7,7 @@ use super::residual::{background, counted, difference};
 use super::shot::Shot;
 use crate::error::EngineError;
 use crate::render::profile::Viewer;
+use crate::render::settings::Settings;
 use crate::scene::Model;
 
 /// How much less a film has to differ from one renderer's picture to be taken for its, of that of the likelier one.
@@ -30,7 +31,7 @@ pub(super) struct Studio {
     device: Device,
     painters: Vec<Painter>,
     /// Whose pictures films turned out to be.
-    told: Vec<Viewer>,
+    told: Vec<Settings>,
 }
 
 impl Studio {
@@ -60,21 +61,21 @@ impl Studio {
     /// As [`take_of_film`](Self::take_of_film).
     pub(super) fn take(&mut self, model: &Model, shot: &Shot<'_>, look: Look) -> Result<Taken, EngineError> {
         check_size(shot)?;
-        if !self.painters.iter().any(|painter| painter.viewer() == look.viewer) {
-            self.painters.push(Painter::new(&self.device, model, look.viewer)?);
+        if !self.painters.iter().any(|painter| painter.settings() == look.settings) {
+            self.painters.push(Painter::new(&self.device, model, look.settings)?);
         }
-        let painter = self.painter(look.viewer);
+        let painter = self.painter(look.settings);
         let drawn = painter.plan(&shot.camera, shot.time, look)?;
         let clean = painter.draw(&drawn)?;
         Ok(Taken { drawn, clean })
     }
 
-    /// Who draws as this viewer does.
+    /// Who draws at these settings.
     ///
     /// # Panics
     /// Unless a shot was taken so.
-    pub(super) fn painter(&mut self, viewer: Viewer) -> &mut Painter {
-        let painter = self.painters.iter_mut().find(|painter| painter.viewer() == viewer);
+    pub(super) fn painter(&mut self, settings: Settings) -> &mut Painter {
+        let painter = self.painters.iter_mut().find(|painter| painter.settings() == settings);
         painter.expect("whoever drew a frame is kept")
     }
 
@@ -92,17 +93,34 @@ impl Studio {
         let (mut best, mut least) = (look, f64::INFINITY);
         for viewer in Viewer::ALL {
             for detail in Detail::ALL {
-                let look = Look { viewer, detail, ..look };
-                let Taken { clean, .. } = self.take(model, shot, look)?;
-                let squares = difference(shot.frame, &clean).limited.iter().map(|r| f64::from(*r).powi(2)).sum();
+                let look = Look { settings: viewer.into(), detail, ..look };
+                let squares = self.squares(model, shot, look)?;
                 if squares < CLEARLY * least {
                     (best, least) = (look, squares);
                 }
             }
+            self.keep(&[own.settings, best.settings]);
         }
-        self.told.extend([own.viewer, best.viewer]);
-        self.painters.retain(|painter| self.told.contains(&painter.viewer()));
-        Ok(Some(best))
+        let settings = best.settings.fitted(model.gaussians.sh_degree, CLEARLY, &mut |settings| {
+            let squares = self.squares(model, shot, Look { settings, ..best })?;
+            self.keep(&[own.settings, best.settings]);
+            Ok::<_, EngineError>(squares)
+        })?;
+        self.told.extend([own.settings, settings]);
+        self.keep(&[]);
+        Ok(Some(Look { settings, ..best }))
+    }
+
+    /// How much a frame differs from the unmarked asset, drawn like that.
+    fn squares(&mut self, model: &Model, shot: &Shot<'_>, look: Look) -> Result<f64, EngineError> {
+        let Taken { clean, .. } = self.take(model, shot, look)?;
+        Ok(difference(shot.frame, &clean).limited.iter().map(|r| f64::from(*r).powi(2)).sum())
+    }
+
+    /// Keeps who draws at these settings, and whoever drew films.
+    fn keep(&mut self, settings: &[Settings]) {
+        self.painters
+            .retain(|painter| [settings, &self.told[..]].iter().any(|kept| kept.contains(&painter.settings())));
     }
 }
 

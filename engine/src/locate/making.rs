@@ -1,4 +1,4 @@
-//! How a film was made: by whose renderer, and whether it was made smaller since.
+//! How a film was made: by whose renderer, at which settings, and whether it was made smaller since.
 
 use super::align::{Fit, Plan, align, costs_of};
 use super::gray::Gray;
@@ -26,7 +26,8 @@ const BEGUN: Plan = Plan { lens: true, steps: 10, ..LAST };
 const JUDGED: Plan = Plan { time: false, ..BEGUN };
 
 /// Has the asset drawn as a film was whose frames these are: by its renderer, and at its size or at twice that and then
-/// made smaller, whichever fits clearly better than those before. Each is judged from where frames fit it: a camera
+/// made smaller, whichever fits clearly better than those before, and in the end at settings that may not be the
+/// renderer's own. Each is judged from where frames fit it: a camera
 /// makes up for some of another renderer's ways.
 ///
 /// # Errors
@@ -43,16 +44,18 @@ pub(super) fn draw_as(stage: &mut Stage, model: &Model, frames: &[Picture], fits
     }
     let mut judge = Judge { stage, model, frames, best: Making::default(), poses: begun.clone(), least: Vec::new() };
     for viewer in Viewer::ALL {
-        judge.hear(Making { viewer, times: 1 }, &begun)?;
+        judge.hear(Making { settings: viewer.into(), times: 1 }, &begun)?;
     }
     // Twice as large is four times the pixels: only by whom it may be, and from where it fits at its size.
-    let (likeliest, poses) = (judge.best.viewer, judge.poses.clone());
-    judge.hear(Making { viewer: Viewer::Reference, times: 2 }, &begun)?;
-    if likeliest != Viewer::Reference {
-        judge.hear(Making { viewer: likeliest, times: 2 }, &poses)?;
+    let (likeliest, poses) = (judge.best.settings, judge.poses.clone());
+    judge.hear(Making { settings: Viewer::Reference.into(), times: 2 }, &begun)?;
+    if likeliest.viewer != Viewer::Reference {
+        judge.hear(Making { settings: likeliest, times: 2 }, &poses)?;
     }
-    let Judge { stage, best, .. } = judge;
-    stage.draw_as(model, best)
+    let best = judge.best;
+    let mut cost = |settings| judge.cost(Making { settings, ..best });
+    let settings = best.settings.fitted(model.gaussians.sh_degree, CLEARLY, &mut cost)?;
+    judge.stage.draw_as(model, Making { settings, ..best })
 }
 
 /// The best so far.
@@ -68,6 +71,16 @@ struct Judge<'a> {
 }
 
 impl Judge<'_> {
+    /// What frames cost that were made like that, from where they fit the best.
+    fn cost(&mut self, making: Making) -> Result<f64, EngineError> {
+        self.stage.draw_as(self.model, making)?;
+        let mut sum = 0.0;
+        for (frame, pose) in self.frames.iter().zip(&self.poses) {
+            sum += costs_of(self.stage, frame, &[*pose], LAST)?.iter().sum::<f64>();
+        }
+        Ok(sum)
+    }
+
     /// Takes another way if frames fit it clearly better from where these poses lead, or, for larger ones, from there.
     fn hear(&mut self, making: Making, begun: &[Pose]) -> Result<(), EngineError> {
         self.stage.draw_as(self.model, making)?;

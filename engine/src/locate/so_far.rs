@@ -15,7 +15,7 @@ use crate::base::tensor_file::TensorFile;
 use crate::error::EngineError;
 
 /// `format` entry of a checkpoint.
-const FORMAT: &str = "guard4d.locating/3";
+const FORMAT: &str = "guard4d.locating/4";
 /// Entries of what is looked at, and of what was found, as JSON.
 const IDENTITY: &str = "identity";
 const SO_FAR: &str = "so_far";
@@ -125,6 +125,7 @@ impl From<Bits> for Exactly {
 mod tests {
     use super::*;
     use crate::render::profile::Viewer;
+    use crate::render::settings::Settings;
 
     #[test]
     fn what_was_found_comes_back_to_the_bit_and_for_the_same_film_alone() {
@@ -133,7 +134,8 @@ mod tests {
         let pose = Pose { middle, turn, shift: [0.1, -0.3], size: -1.2, lens: 0.3, time: 0.7 };
         let fit = Exactly(Fit { pose, cost: 1e-3, correlation: 0.9, lens_weight: f64::INFINITY, tied: 1.0 / 3.0 });
         let first = First { begun: Some(Begun { frame: 3, fit, likeness: 0.1 + 0.2 }), is_mirrored: true };
-        let making = Making { viewer: Viewer::GaussianSplats3d, times: 2 };
+        let settings = Settings { dilation: Some(0.1), ..Viewer::GaussianSplats3d.into() };
+        let making = Making { settings, times: 2 };
         let so_far = SoFar { first: Some(first), shots: vec![vec![Some(fit), None], vec![]], searches: 4, making };
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("leak.json.checkpoint.safetensors");

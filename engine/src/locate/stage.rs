@@ -15,6 +15,7 @@ use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::render::deform::{DeformField, MixedField, SplatState};
 use crate::render::profile::Viewer;
+use crate::render::settings::Settings;
 use crate::render::{FrameMut, FramePlan, OffsetBases, Offsets, Prune, Renderer};
 use crate::scene::camera::paths::USUAL_FOV_X_RAD;
 use crate::scene::gaussians::{SH_FLOATS, Y0};
@@ -55,33 +56,34 @@ pub enum About {
 }
 
 /// How a film was made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Making {
-    /// By whose renderer it was drawn.
-    pub viewer: Viewer,
+    /// By whose renderer it was drawn, and how that was set.
+    #[serde(flatten)]
+    pub settings: Settings,
     /// How many times as large as it is, along a side: it may have been made smaller since.
     pub times: u32,
 }
 
 impl Default for Making {
     fn default() -> Self {
-        Self { viewer: Viewer::Reference, times: 1 }
+        Self { settings: Viewer::Reference.into(), times: 1 }
     }
 }
 
 /// The asset as a renderer has it.
 #[derive(Debug)]
 struct Scenery {
-    viewer: Viewer,
+    settings: Settings,
     field: MixedField,
     renderer: Renderer,
 }
 
 impl Scenery {
-    fn new(device: &Device, model: &Model, viewer: Viewer) -> Result<Self, EngineError> {
-        let profile = viewer.profile();
+    fn new(device: &Device, model: &Model, settings: Settings) -> Result<Self, EngineError> {
+        let profile = settings.profile();
         let field = MixedField::new(device, profile.upload(device, &model.gaussians, &model.motion)?);
-        Ok(Self { viewer, field, renderer: Renderer::new(device)?.with_rules(profile.rules) })
+        Ok(Self { settings, field, renderer: Renderer::new(device)?.with_rules(profile.rules) })
     }
 }
 
@@ -132,7 +134,7 @@ impl Stage {
             device: device.clone(),
             merged_field,
             small: Renderer::new(device)?.with_rules(SMALL),
-            own: Scenery::new(device, model, Viewer::Reference)?,
+            own: Scenery::new(device, model, Viewer::Reference.into())?,
             others: None,
             making: Making::default(),
             background: model.background,
@@ -212,10 +214,10 @@ impl Stage {
     /// # Errors
     /// When memory runs out or the device fails.
     pub fn draw_as(&mut self, model: &Model, making: Making) -> Result<(), EngineError> {
-        let viewer = making.viewer;
-        let has = |scenery: &Scenery| scenery.viewer == viewer;
+        let settings = making.settings;
+        let has = |scenery: &Scenery| scenery.settings == settings;
         if !has(&self.own) && !self.others.as_ref().is_some_and(has) {
-            self.others = Some(Scenery::new(&self.device, model, viewer)?);
+            self.others = Some(Scenery::new(&self.device, model, settings)?);
         }
         self.making = making;
         Ok(())
@@ -229,9 +231,9 @@ impl Stage {
 
     /// What draws pictures that show this.
     fn renderer(&mut self, shows: Shows) -> &mut Renderer {
-        let viewer = self.making.viewer;
+        let settings = self.making.settings;
         match (shows, &mut self.others) {
-            (Shows::AsFilm(_), Some(others)) if others.viewer == viewer => &mut others.renderer,
+            (Shows::AsFilm(_), Some(others)) if others.settings == settings => &mut others.renderer,
             (Shows::AsFilm(_), _) => &mut self.own.renderer,
             (Shows::Small | Shows::Smallest, _) => &mut self.small,
         }
@@ -239,9 +241,9 @@ impl Stage {
 
     /// The asset at a moment, as that draws it.
     fn splats(&mut self, time: f64, shows: Shows) -> Result<Arc<SplatState>, EngineError> {
-        let viewer = self.making.viewer;
+        let settings = self.making.settings;
         match (shows, &mut self.others, &mut self.merged_field) {
-            (Shows::AsFilm(_), Some(others), _) if others.viewer == viewer => others.field.at(time),
+            (Shows::AsFilm(_), Some(others), _) if others.settings == settings => others.field.at(time),
             (Shows::Smallest, _, Some(merged)) => merged.at(time),
             _ => self.at(time),
         }

@@ -5,6 +5,7 @@ mod plan;
 pub mod profile;
 mod renderer;
 mod scene_renderer;
+pub mod settings;
 pub mod storage;
 
 pub use guard4d_kernels::shape::OffsetBases;

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use guard4d_kernels::{Buffer, Device};
 
+use super::latest::Latest;
 use super::network::{HiddenRows, Network};
 use super::paths::PathField;
 use super::sequence::Sequence;
@@ -31,8 +32,7 @@ pub struct DeformField {
     canonical: Arc<SplatState>,
     /// `None` for a scene that stands still.
     mover: Option<Mover>,
-    /// Least recently used first.
-    cached: Vec<(u32, Arc<SplatState>)>,
+    cached: Latest,
     kept: KeptTimes,
 }
 
@@ -62,7 +62,7 @@ impl DeformField {
             Motion::Sequence(moments) => Some(Mover::Sequence(Sequence::new(gaussians, moments))),
         };
         let kept = KeptTimes { least: DEFAULT_CACHED_TIMES, bytes: 0 };
-        Ok(Self { device: device.clone(), canonical, mover, cached: Vec::new(), kept })
+        Ok(Self { device: device.clone(), canonical, mover, cached: Latest::default(), kept })
     }
 
     /// What renderers go by that sort by buckets, of a still asset's splats as they were before they were stored as
@@ -100,7 +100,7 @@ impl DeformField {
 
     /// Drops all moments that are kept; whether there were some.
     pub fn forget_times(&mut self) -> bool {
-        let had_some = !self.cached.is_empty();
+        let had_some = self.cached.len() > 0;
         self.cached.clear();
         had_some
     }
@@ -114,13 +114,13 @@ impl DeformField {
     /// Device bytes of the moments that are kept.
     #[must_use]
     pub fn cached_bytes(&self) -> usize {
-        let moved = self.cached.iter().filter(|(_, state)| !Arc::ptr_eq(state, &self.canonical));
-        moved.map(|(_, state)| self.own_bytes(state)).sum()
+        let moved = self.cached.states().filter(|state| !Arc::ptr_eq(state, &self.canonical));
+        moved.map(|state| self.own_bytes(state)).sum()
     }
 
     fn drop_beyond(&mut self) {
         while self.cached.len() > self.kept.least && self.cached_bytes() > self.kept.bytes {
-            self.cached.remove(0);
+            self.cached.drop_first();
         }
     }
 
@@ -168,23 +168,20 @@ impl DeformField {
         let Some(mover) = self.mover.as_mut().filter(|_| !self.canonical.is_empty()) else {
             return Ok(Arc::clone(&self.canonical));
         };
-        let key = time.to_bits();
-        let state = match self.cached.iter().position(|(k, _)| *k == key) {
-            Some(found) => self.cached.remove(found).1,
-            None => {
-                // Room for it comes first where no more than the least may be kept.
-                if self.kept.bytes == 0 && self.cached.len() >= self.kept.least {
-                    self.cached.remove(0);
-                }
-                Arc::new(match mover {
-                    Mover::Network(network) => network.deform(&self.device, &self.canonical, time)?,
-                    Mover::Paths(paths) => paths.deform(&self.device, &self.canonical, time)?,
-                    Mover::Warp(warp) => warp.deform(&self.device, &self.canonical, time)?,
-                    Mover::Sequence(sequence) => sequence.deform(&self.device, time)?,
-                })
-            }
-        };
-        self.cached.push((key, Arc::clone(&state)));
+        if let Some(state) = self.cached.take_up(time.into()) {
+            return Ok(state);
+        }
+        // Room for it comes first where no more than the least may be kept.
+        if self.kept.bytes == 0 && self.cached.len() >= self.kept.least {
+            self.cached.drop_first();
+        }
+        let state = Arc::new(match mover {
+            Mover::Network(network) => network.deform(&self.device, &self.canonical, time)?,
+            Mover::Paths(paths) => paths.deform(&self.device, &self.canonical, time)?,
+            Mover::Warp(warp) => warp.deform(&self.device, &self.canonical, time)?,
+            Mover::Sequence(sequence) => sequence.deform(&self.device, time)?,
+        });
+        self.cached.push(time.into(), &state);
         self.drop_beyond();
         Ok(state)
     }

@@ -6,6 +6,7 @@ use guard4d_kernels::nn::axpy;
 use guard4d_kernels::{Buffer, Device, Recorder};
 
 use super::field::DeformField;
+use super::latest::Latest;
 use super::state::SplatState;
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
@@ -29,10 +30,10 @@ pub struct MixedField {
     /// Even parts of the motion that are mixed between; none where moments cost next to nothing, or a file says which
     /// there are.
     parts: Option<u32>,
-    /// What tells one moment from the next, of one of a splat's properties at a time.
-    delta: Option<Buffer<f32>>,
-    /// Mixed moments, the least recently used first.
-    cached: Vec<(u64, Arc<SplatState>)>,
+    /// What tells one moment from the next, of one of a splat's properties at a time: one buffer for each length.
+    deltas: Vec<Buffer<f32>>,
+    /// Mixed moments.
+    cached: Latest,
 }
 
 impl MixedField {
@@ -42,7 +43,7 @@ impl MixedField {
         // All bends of the movement are ends of parts: between two of them splats move all but evenly.
         let parts = field.bends().map(|bends| bends * (PARTS * STEPS).div_ceil(bends));
         let field = field.with_cached_bytes(LEAST, MOST_BYTES);
-        Self { device: device.clone(), field, parts, delta: None, cached: Vec::new() }
+        Self { device: device.clone(), field, parts, deltas: Vec::new(), cached: Latest::default() }
     }
 
     /// Even steps from the first moment to the last, some dozens: at as many moments a scene that moves is looked for.
@@ -63,19 +64,17 @@ impl MixedField {
         if at.fract() == 0.0 {
             return self.field.at(narrow(at / parts));
         }
-        let key = at.to_bits();
-        if let Some(found) = self.cached.iter().position(|(known, _)| *known == key) {
-            self.cached[found..].rotate_left(1);
-        } else {
-            let mut beside = |part: f64| self.field.at(narrow(part / parts));
-            let (before, behind) = (beside(at.floor())?, beside(at.ceil())?);
-            let mixed = Arc::new(self.mix(&before, &behind, narrow(at.fract()))?);
-            if self.cached.len() == CACHED {
-                self.cached.remove(0);
-            }
-            self.cached.push((key, mixed));
+        if let Some(mixed) = self.cached.take_up(at) {
+            return Ok(mixed);
         }
-        Ok(Arc::clone(&self.cached[self.cached.len() - 1].1))
+        let mut beside = |part: f64| self.field.at(narrow(part / parts));
+        let (before, behind) = (beside(at.floor())?, beside(at.ceil())?);
+        let mixed = Arc::new(self.mix(&before, &behind, narrow(at.fract()))?);
+        if self.cached.len() == CACHED {
+            self.cached.drop_first();
+        }
+        self.cached.push(at, &mixed);
+        Ok(mixed)
     }
 
     fn mix(&mut self, before: &SplatState, behind: &SplatState, share: f32) -> Result<SplatState, EngineError> {
@@ -104,13 +103,14 @@ impl MixedField {
         share: f32,
         out: &mut Buffer<f32>,
     ) -> Result<(), EngineError> {
-        let mut delta = match self.delta.take() {
-            Some(delta) if delta.len() == before.len() => delta,
-            _ => self.device.buffer("moment.delta", before.len())?,
-        };
-        axpy::forward(rec, -1.0, behind, before, &mut delta)?;
-        axpy::forward(rec, share, before, &delta, out)?;
-        self.delta = Some(delta);
+        let known = self.deltas.iter().position(|delta| delta.len() == before.len());
+        let at = known.unwrap_or(self.deltas.len());
+        if known.is_none() {
+            self.deltas.push(self.device.buffer("moment.delta", before.len())?);
+        }
+        let delta = &mut self.deltas[at];
+        axpy::forward(rec, -1.0, behind, before, delta)?;
+        axpy::forward(rec, share, before, delta, out)?;
         Ok(())
     }
 }

@@ -2,6 +2,7 @@
 
 mod buckets;
 mod field;
+mod latest;
 mod mixed;
 mod network;
 mod paths;
