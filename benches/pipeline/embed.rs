@@ -13,6 +13,8 @@ use guard4d_engine::watermark::embed::{EmbedConfig, Embedding, Profile, Repetiti
 use super::owner::{BITS, Owner};
 use crate::harness::{Bench, Outcome, Work};
 
+/// Side of the pictures of steps whose recording is timed.
+const RECORDED_PX: u32 = 200;
 /// Steps whose recording is timed, of each kind.
 const RECORDINGS: usize = 30;
 
@@ -35,7 +37,7 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
         Embedding::prepare(subject, few.with(|c| c.views.size_px = (side, side)))
     };
     for mode in [ExtractorMode::None, ExtractorMode::Blind, ExtractorMode::Joint] {
-        for &side in bench.size(&[200, 400][..], &[200]) {
+        for &side in bench.size(&[RECORDED_PX, 400][..], &[RECORDED_PX]) {
             let name = format!("embed/step demo scene, {mode}, 8x{side}x{side}, wall clock");
             // Device seconds before the first step that counts, and after the last.
             let (mut embedding, mut before, mut after, mut steps) = (None, None, BTreeMap::new(), 0.0);
@@ -52,10 +54,14 @@ pub(crate) fn measure(bench: &mut Bench) -> Outcome {
                 before.get_or_insert_with(|| after.clone());
                 Ok(elapsed)
             })?;
-            let (Some(row), Some(before)) = (row, before) else { continue };
-            row.stages = after.into_iter().map(|(part, seconds)| (part, (seconds - before[&part]) / steps)).collect();
+            if let (Some(row), Some(before)) = (row, before) {
+                let stages = after.into_iter().map(|(part, seconds)| (part, (seconds - before[&part]) / steps));
+                row.stages = stages.collect();
+            }
+            if side == RECORDED_PX {
+                recording(bench, mode, || embedding.map_or_else(|| prepare(mode, side), Ok))?;
+            }
         }
-        recording(bench, mode, || prepare(mode, 200))?;
     }
     Ok(())
 }
