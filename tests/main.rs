@@ -11,6 +11,7 @@ mod base;
 mod benches;
 mod ci;
 mod cli;
+mod damaged;
 mod detect;
 mod docs;
 mod evidence;

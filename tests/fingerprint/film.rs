@@ -170,6 +170,14 @@ fn a_film_is_compared_as_it_was_drawn() {
         let (as_own, as_drawn) = (score(&frames, &mut Some(own)), score(&frames, &mut Some(look)));
         assert!(share.contains(&(as_own / as_drawn)), "{as_own:.1} of {as_drawn:.1}: {look:?}");
     }
+    // Frames of which it is known, and of another film, which tells it.
+    let [known, other] = [own, thin].map(|look| film_by(&gpu, &model, issue.stamp(LEAKED), &shots, &look));
+    let (mut exposures, mut told) = (Exposures::new(&gpu, model.gaussians.len()).expect("it fits"), None);
+    for ((known, other), &(camera, time)) in known.iter().zip(&other).zip(&shots[..2]) {
+        exposures.add(&model, &Shot { frame: known, camera, time }, own).expect("gathers");
+        exposures.add_of_film(&model, &Shot { frame: other, camera, time }, &mut told).expect("gathers");
+    }
+    assert_eq!(best(&gpu, &issue, exposures)[0].copy, LEAKED);
     // Levels that were bent, by as much as screens differ.
     let bent = |frame: &Frame| {
         let bend = |level: &u8| (255.0 * (f32::from(*level) / 255.0).powf(1.25)).round() as u8;

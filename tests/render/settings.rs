@@ -37,6 +37,18 @@ fn a_profile_has_what_is_set_and_the_rest_of_its_viewer() {
 }
 
 #[test]
+fn what_is_uploaded_stays_where_only_pixels_differ() {
+    let [spark, gsplat, reference] = [Viewer::Spark, Viewer::Gsplat, Viewer::Reference].map(Settings::from);
+    assert!(spark.keeps_splats_of(&Settings { dilation: Some(0.1), ..spark }), "another dilation");
+    assert!(gsplat.keeps_splats_of(&reference), "splats as the file has them");
+    assert!(!spark.keeps_splats_of(&Settings { sh_degree: Some(0), ..spark }), "fewer harmonics");
+    assert!(!spark.keeps_splats_of(&gsplat), "another storage");
+    // Buckets are made of splats before they are rounded.
+    let [play_canvas, super_splat] = [Viewer::PlayCanvas, Viewer::SuperSplat].map(Settings::from);
+    assert!(!play_canvas.keeps_splats_of(&super_splat), "another order");
+}
+
+#[test]
 fn what_a_film_was_widened_by_is_found_and_no_degree_is_left_out_for_it() {
     for viewer in [Viewer::Reference, Viewer::PlayCanvas, Viewer::Antimatter15] {
         // None at all, a film that was made a third smaller, two wider ones and one beyond what is tried.

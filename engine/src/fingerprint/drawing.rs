@@ -83,6 +83,11 @@ impl Painter {
         })
     }
 
+    /// At other settings, which keep the same splats.
+    pub(super) fn at(self, settings: Settings) -> Self {
+        Self { settings, renderer: self.renderer.with_rules(settings.profile().rules), ..self }
+    }
+
     /// How it draws.
     pub(super) fn settings(&self) -> Settings {
         self.settings

@@ -30,13 +30,13 @@ pub(super) struct Taken {
 pub(super) struct Studio {
     device: Device,
     painters: Vec<Painter>,
-    /// Whose pictures films turned out to be.
-    told: Vec<Settings>,
+    /// At which settings frames were taken, whose pictures are asked for again.
+    taken: Vec<Settings>,
 }
 
 impl Studio {
     pub(super) fn new(device: &Device) -> Self {
-        Self { device: device.clone(), painters: Vec::new(), told: Vec::new() }
+        Self { device: device.clone(), painters: Vec::new(), taken: Vec::new() }
     }
 
     /// The original in a shot of a film, drawn as `known` says or, where nothing is known yet, as the shot tells.
@@ -60,9 +60,26 @@ impl Studio {
     /// # Errors
     /// As [`take_of_film`](Self::take_of_film).
     pub(super) fn take(&mut self, model: &Model, shot: &Shot<'_>, look: Look) -> Result<Taken, EngineError> {
+        let taken = self.try_out(model, shot, look)?;
+        if !self.taken.contains(&look.settings) {
+            self.taken.push(look.settings);
+        }
+        Ok(taken)
+    }
+
+    /// The same, for now.
+    fn try_out(&mut self, model: &Model, shot: &Shot<'_>, look: Look) -> Result<Taken, EngineError> {
         check_size(shot)?;
         if !self.painters.iter().any(|painter| painter.settings() == look.settings) {
-            self.painters.push(Painter::new(&self.device, model, look.settings)?);
+            // Whoever has the splats, and is not asked again, draws at these settings instead.
+            let is_free = |painter: &Painter| {
+                painter.settings().keeps_splats_of(&look.settings) && !self.taken.contains(&painter.settings())
+            };
+            let painter = match self.painters.iter().position(is_free) {
+                Some(at) => self.painters.swap_remove(at).at(look.settings),
+                None => Painter::new(&self.device, model, look.settings)?,
+            };
+            self.painters.push(painter);
         }
         let painter = self.painter(look.settings);
         let drawn = painter.plan(&shot.camera, shot.time, look)?;
@@ -83,7 +100,7 @@ impl Studio {
     /// little of that is in the frame.
     fn look_of(&mut self, model: &Model, shot: &Shot<'_>) -> Result<Option<Look>, EngineError> {
         let own = Look::of(model);
-        let Taken { clean, .. } = self.take(model, shot, own)?;
+        let Taken { clean, .. } = self.try_out(model, shot, own)?;
         let counted = counted(shot.frame, &clean);
         if (counted.iter().filter(|counted| **counted).count() as f64) < TELLING * counted.len() as f64 {
             return Ok(None);
@@ -106,21 +123,20 @@ impl Studio {
             self.keep(&[own.settings, best.settings]);
             Ok::<_, EngineError>(squares)
         })?;
-        self.told.extend([own.settings, settings]);
-        self.keep(&[]);
+        self.keep(&[own.settings, settings]);
         Ok(Some(Look { settings, ..best }))
     }
 
     /// How much a frame differs from the unmarked asset, drawn like that.
     fn squares(&mut self, model: &Model, shot: &Shot<'_>, look: Look) -> Result<f64, EngineError> {
-        let Taken { clean, .. } = self.take(model, shot, look)?;
+        let Taken { clean, .. } = self.try_out(model, shot, look)?;
         Ok(difference(shot.frame, &clean).limited.iter().map(|r| f64::from(*r).powi(2)).sum())
     }
 
-    /// Keeps who draws at these settings, and whoever drew films.
+    /// Keeps who draws at these settings, and whoever took frames.
     fn keep(&mut self, settings: &[Settings]) {
         self.painters
-            .retain(|painter| [settings, &self.told[..]].iter().any(|kept| kept.contains(&painter.settings())));
+            .retain(|painter| [settings, &self.taken[..]].iter().any(|kept| kept.contains(&painter.settings())));
     }
 }
 

@@ -85,6 +85,11 @@ impl Scenery {
         let field = MixedField::new(device, profile.upload(device, &model.gaussians, &model.motion)?);
         Ok(Self { settings, field, renderer: Renderer::new(device)?.with_rules(profile.rules) })
     }
+
+    /// The same splats at other settings that keep them.
+    fn at(self, settings: Settings) -> Self {
+        Self { settings, renderer: self.renderer.with_rules(settings.profile().rules), ..self }
+    }
 }
 
 /// The asset with what draws it.
@@ -217,7 +222,10 @@ impl Stage {
         let settings = making.settings;
         let has = |scenery: &Scenery| scenery.settings == settings;
         if !has(&self.own) && !self.others.as_ref().is_some_and(has) {
-            self.others = Some(Scenery::new(&self.device, model, settings)?);
+            self.others = Some(match self.others.take() {
+                Some(others) if others.settings.keeps_splats_of(&settings) => others.at(settings),
+                _ => Scenery::new(&self.device, model, settings)?,
+            });
         }
         self.making = making;
         Ok(())

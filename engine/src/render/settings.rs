@@ -40,6 +40,13 @@ impl Settings {
         profile
     }
 
+    /// Whether what is uploaded is the same at both, so that a renderer may go from one to the other.
+    #[must_use]
+    pub fn keeps_splats_of(&self, other: &Self) -> bool {
+        let [own, other] = [self.profile(), other.profile()];
+        own.storage == other.storage && own.rules.sort_key == other.rules.sort_key
+    }
+
     /// Those of the same renderer at which pictures of an asset with harmonics up to `sh_degree` cost least, if that is
     /// less than `clearly` times what they cost at these, and these else.
     ///

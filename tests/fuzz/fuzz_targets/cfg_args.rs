@@ -1,10 +1,4 @@
 //! `cfg_args`.
 #![no_main]
 
-use std::path::Path;
-
-use guard4d_engine::scene::DeformConfig;
-
-libfuzzer_sys::fuzz_target!(|data: &[u8]| {
-    let _ = DeformConfig::parse(Path::new("cfg_args"), data);
-});
+libfuzzer_sys::fuzz_target!(|data: &[u8]| guard4d_fuzz::cfg_args(data));

@@ -1,10 +1,4 @@
 //! SPZ.
 #![no_main]
 
-use std::path::Path;
-
-use guard4d_engine::scene::Model;
-
-libfuzzer_sys::fuzz_target!(|data: &[u8]| {
-    let _ = Model::parse(Path::new("scene.spz"), data.to_vec());
-});
+libfuzzer_sys::fuzz_target!(|data: &[u8]| guard4d_fuzz::spz(data));
