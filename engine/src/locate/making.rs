@@ -27,8 +27,7 @@ const JUDGED: Plan = Plan { time: false, ..BEGUN };
 
 /// Has the asset drawn as a film was whose frames these are: by its renderer, and at its size or at twice that and then
 /// made smaller, whichever fits clearly better than those before, and in the end at settings that may not be the
-/// renderer's own. Each is judged from where frames fit it: a camera
-/// makes up for some of another renderer's ways.
+/// renderer's own. Each is judged from where frames fit it: a camera makes up for some of another renderer's ways.
 ///
 /// # Errors
 /// When memory runs out or the device fails.
