@@ -13,10 +13,10 @@ use guard4d_engine::detect::gathered::KnownFilm;
 use guard4d_engine::error::EngineError;
 use guard4d_engine::locate::finding::{DEFAULT_FRAMES, Finding, LocateReport, Locating, Wanted};
 use guard4d_engine::locate::so_far::Kept;
-use guard4d_engine::locate::stage::Making;
 use guard4d_engine::locate::views::Vantage;
 use guard4d_engine::media::FrameSource;
 use guard4d_engine::media::png::png_bytes;
+use guard4d_engine::render::making::Making;
 
 use crate::flags::common::Common;
 use crate::flags::near::NearArgs;

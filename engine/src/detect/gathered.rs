@@ -9,7 +9,7 @@ use crate::base::files::bad_data;
 use crate::error::EngineError;
 use crate::fingerprint::asset;
 use crate::fingerprint::code::SharedScore;
-use crate::fingerprint::drawing::{Detail, Look};
+use crate::fingerprint::drawing::Look;
 use crate::fingerprint::estimate::{Estimate, estimate};
 use crate::fingerprint::film::Exposures;
 use crate::fingerprint::issue::Issue;
@@ -66,8 +66,8 @@ pub struct DrawnAs {
 }
 
 impl DrawnAs {
-    fn of(Look { settings, detail, background }: Look) -> Self {
-        Self { settings, made_smaller: detail == Detail::Twice, background }
+    fn of(Look { making, background }: Look) -> Self {
+        Self { settings: making.settings, made_smaller: making.times > 1, background }
     }
 }
 

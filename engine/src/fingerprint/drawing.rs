@@ -5,7 +5,7 @@ use guard4d_kernels::{Buffer, Device};
 
 use crate::error::EngineError;
 use crate::render::deform::DeformField;
-use crate::render::profile::Viewer;
+use crate::render::making::Making;
 use crate::render::settings::Settings;
 use crate::render::{Frame as FrameOfClip, FrameMut, FramePlan, OffsetBases, Offsets, Prune, Renderer};
 use crate::scene::{Camera, FrameSize, Model};
@@ -16,41 +16,17 @@ pub(super) const BASES: OffsetBases = OffsetBases::Dc;
 /// How a film was drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look {
-    /// Whose renderer, and how it was set.
-    pub settings: Settings,
-    /// How finely.
-    pub detail: Detail,
+    /// By whose renderer, and how finely.
+    pub making: Making,
     /// What stands behind the asset.
     pub background: [f32; 3],
-}
-
-/// How finely a film was drawn before it became what it is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Detail {
-    /// At the size that it has.
-    AsLarge,
-    /// At twice the size, and made smaller: splats are drawn no narrower than a pixel.
-    Twice,
 }
 
 impl Look {
     /// As the model's own pictures are.
     #[must_use]
     pub fn of(model: &Model) -> Self {
-        Self { settings: Viewer::Reference.into(), detail: Detail::AsLarge, background: model.background }
-    }
-}
-
-impl Detail {
-    /// Both, the likelier one first.
-    pub const ALL: [Self; 2] = [Self::AsLarge, Self::Twice];
-
-    /// Pixels that became one, along a side.
-    const fn side(self) -> u32 {
-        match self {
-            Self::AsLarge => 1,
-            Self::Twice => 2,
-        }
+        Self { making: Making::default(), background: model.background }
     }
 }
 
@@ -98,8 +74,8 @@ impl Painter {
     /// # Errors
     /// When memory runs out or the device fails.
     pub(super) fn plan(&mut self, camera: &Camera, time: f32, look: Look) -> Result<Drawn, EngineError> {
-        let side = look.detail.side();
-        let size = FrameSize::new(camera.width * side, camera.height * side)?;
+        let times = look.making.times;
+        let size = FrameSize::new(camera.width * times, camera.height * times)?;
         let state = self.field.at(time)?;
         let plan = self.renderer.plan(&state, &camera.resized(size), Prune::Keep)?;
         Ok(Drawn { plan: self.renderer.fix_view(plan)?, look })
@@ -166,28 +142,28 @@ impl Painter {
 
 /// Means of the pixels `[H, W, 4]` that become one.
 fn made_smaller(pixels: Vec<f32>, drawn: &Drawn) -> Vec<f32> {
-    let (side, width) = (drawn.look.detail.side() as usize, drawn.plan.width() as usize);
-    if side == 1 {
+    let (times, width) = (drawn.look.making.times as usize, drawn.plan.width() as usize);
+    if times == 1 {
         return pixels;
     }
-    let mut small = vec![0.0; pixels.len() / (side * side)];
+    let mut small = vec![0.0; pixels.len() / (times * times)];
     for (at, pixel) in pixels.chunks_exact(4).enumerate() {
-        let to = (at / width / side) * (width / side) + at % width / side;
-        small[4 * to..4 * to + 4].iter_mut().zip(pixel).for_each(|(sum, value)| *sum += value / (side * side) as f32);
+        let to = (at / width / times) * (width / times) + at % width / times;
+        small[4 * to..4 * to + 4].iter_mut().zip(pixel).for_each(|(sum, value)| *sum += value / (times * times) as f32);
     }
     small
 }
 
 /// The transpose of [`made_smaller`].
 fn spread(small: Vec<f32>, drawn: &Drawn) -> Vec<f32> {
-    let (side, width) = (drawn.look.detail.side() as usize, drawn.plan.width() as usize);
-    if side == 1 {
+    let (times, width) = (drawn.look.making.times as usize, drawn.plan.width() as usize);
+    if times == 1 {
         return small;
     }
-    let mut pixels = vec![0.0; small.len() * side * side];
+    let mut pixels = vec![0.0; small.len() * times * times];
     for (at, pixel) in pixels.chunks_exact_mut(4).enumerate() {
-        let from = (at / width / side) * (width / side) + at % width / side;
-        pixel.iter_mut().zip(&small[4 * from..]).for_each(|(value, sum)| *value = sum / (side * side) as f32);
+        let from = (at / width / times) * (width / times) + at % width / times;
+        pixel.iter_mut().zip(&small[4 * from..]).for_each(|(value, sum)| *value = sum / (times * times) as f32);
     }
     pixels
 }

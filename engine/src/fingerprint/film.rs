@@ -76,7 +76,7 @@ impl Exposures {
             self.sums.squares += f64::from(*limited).powi(2);
         }
         let mut v_offsets = self.no_offsets()?;
-        let painter = self.studio.painter(drawn.look.settings);
+        let painter = self.studio.painter(drawn.look.making.settings);
         painter.back(&drawn, &self.offsets, v_picture, &mut v_offsets)?;
         let rows = v_offsets.read()?;
         let sums = self.sums.residual.iter_mut().zip(&mut self.sums.response);
@@ -145,7 +145,7 @@ impl Seen for Exposures {
         let moved = self.device.buffer_from("film.moved", &rows)?;
         let mut v_offsets = self.no_offsets()?;
         for Exposure { drawn, clean, counted } in &self.exposures {
-            let painter = self.studio.painter(drawn.look.settings);
+            let painter = self.studio.painter(drawn.look.making.settings);
             let mut pixels = painter.draw_linear(drawn, &moved)?;
             for ((pixel, clean), counted) in pixels.chunks_exact_mut(4).zip(clean).zip(counted) {
                 let difference = if *counted { pixel[0] - clean } else { 0.0 };

@@ -2,10 +2,11 @@
 
 use guard4d_kernels::Device;
 
-use super::drawing::{Detail, Drawn, Look, Painter};
+use super::drawing::{Drawn, Look, Painter};
 use super::residual::{background, counted, difference};
 use super::shot::Shot;
 use crate::error::EngineError;
+use crate::render::making::Making;
 use crate::render::profile::Viewer;
 use crate::render::settings::Settings;
 use crate::scene::Model;
@@ -61,8 +62,9 @@ impl Studio {
     /// As [`take_of_film`](Self::take_of_film).
     pub(super) fn take(&mut self, model: &Model, shot: &Shot<'_>, look: Look) -> Result<Taken, EngineError> {
         let taken = self.try_out(model, shot, look)?;
-        if !self.taken.contains(&look.settings) {
-            self.taken.push(look.settings);
+        let settings = look.making.settings;
+        if !self.taken.contains(&settings) {
+            self.taken.push(settings);
         }
         Ok(taken)
     }
@@ -70,18 +72,19 @@ impl Studio {
     /// The same, for now.
     fn try_out(&mut self, model: &Model, shot: &Shot<'_>, look: Look) -> Result<Taken, EngineError> {
         check_size(shot)?;
-        if !self.painters.iter().any(|painter| painter.settings() == look.settings) {
+        let settings = look.making.settings;
+        if !self.painters.iter().any(|painter| painter.settings() == settings) {
             // Whoever has the splats, and is not asked again, draws at these settings instead.
             let is_free = |painter: &Painter| {
-                painter.settings().keeps_splats_of(&look.settings) && !self.taken.contains(&painter.settings())
+                painter.settings().keeps_splats_of(&settings) && !self.taken.contains(&painter.settings())
             };
             let painter = match self.painters.iter().position(is_free) {
-                Some(at) => self.painters.swap_remove(at).at(look.settings),
-                None => Painter::new(&self.device, model, look.settings)?,
+                Some(at) => self.painters.swap_remove(at).at(settings),
+                None => Painter::new(&self.device, model, settings)?,
             };
             self.painters.push(painter);
         }
-        let painter = self.painter(look.settings);
+        let painter = self.painter(settings);
         let drawn = painter.plan(&shot.camera, shot.time, look)?;
         let clean = painter.draw(&drawn)?;
         Ok(Taken { drawn, clean })
@@ -107,24 +110,24 @@ impl Studio {
         }
         // The model's own background, unless the film plainly shows another colour.
         let look = Look { background: background(shot.frame, &clean, own.background).unwrap_or(own.background), ..own };
-        let (mut best, mut least) = (look, f64::INFINITY);
+        let (mut best, mut least) = (look.making, f64::INFINITY);
         for viewer in Viewer::ALL {
-            for detail in Detail::ALL {
-                let look = Look { settings: viewer.into(), detail, ..look };
-                let squares = self.squares(model, shot, look)?;
+            for times in Making::TIMES {
+                let making = Making { settings: viewer.into(), times };
+                let squares = self.squares(model, shot, Look { making, ..look })?;
                 if squares < CLEARLY * least {
-                    (best, least) = (look, squares);
+                    (best, least) = (making, squares);
                 }
             }
-            self.keep(&[own.settings, best.settings]);
+            self.keep(&[own.making.settings, best.settings]);
         }
-        let settings = best.settings.fitted(model.gaussians.sh_degree, CLEARLY, &mut |settings| {
-            let squares = self.squares(model, shot, Look { settings, ..best })?;
-            self.keep(&[own.settings, best.settings]);
+        let settings = best.settings.fitted(model.gaussians.sh_degree, CLEARLY, least, &mut |settings| {
+            let squares = self.squares(model, shot, Look { making: Making { settings, ..best }, ..look })?;
+            self.keep(&[own.making.settings, best.settings]);
             Ok::<_, EngineError>(squares)
         })?;
-        self.keep(&[own.settings, settings]);
-        Ok(Some(Look { settings, ..best }))
+        self.keep(&[own.making.settings, settings]);
+        Ok(Some(Look { making: Making { settings, ..best }, ..look }))
     }
 
     /// How much a frame differs from the unmarked asset, drawn like that.

@@ -13,7 +13,7 @@ use super::search::{NEAR, NEXT, SCANNED, TELL, anywhere};
 use super::settle::settle;
 use super::shots::{both_ways, is_same, shots};
 use super::so_far::{Begun, Exactly, First, SoFar};
-use super::stage::{Making, Stage};
+use super::stage::Stage;
 use super::views::Vantage;
 use super::work::Work;
 use crate::base::digest::Digest;
@@ -21,6 +21,7 @@ use crate::base::numbers::median;
 use crate::base::observer::Observer;
 use crate::base::spread::spread;
 use crate::error::EngineError;
+use crate::render::making::Making;
 use crate::scene::Model;
 
 /// Likeness from which on what a search comes to is followed through its shot.

@@ -9,13 +9,13 @@ use super::film::{Locator, Track};
 use super::gap::gap_px;
 use super::reading::Reading;
 use super::so_far::{Kept, SoFar};
-use super::stage::Making;
 use crate::base::digest::Digest;
 use crate::base::numbers::median;
 use crate::base::observer::{Observer, Progress};
 use crate::error::EngineError;
 use crate::media::ReadOptions;
 use crate::media::framing::Rect;
+use crate::render::making::Making;
 use crate::scene::{CameraSet, Model};
 
 /// Frames that are looked at where nobody says how many: twice as many as a film needs in which the mark is clear.

@@ -5,9 +5,10 @@ use super::gray::Gray;
 use super::picture::Picture;
 use super::pose::Pose;
 use super::search::LAST;
-use super::stage::{Making, Stage};
+use super::stage::Stage;
 use crate::base::spread::spread;
 use crate::error::EngineError;
+use crate::render::making::Making;
 use crate::render::profile::Viewer;
 use crate::scene::Model;
 
@@ -51,9 +52,9 @@ pub(super) fn draw_as(stage: &mut Stage, model: &Model, frames: &[Picture], fits
     if likeliest.viewer != Viewer::Reference {
         judge.hear(Making { settings: likeliest, times: 2 }, &poses)?;
     }
-    let best = judge.best;
+    let (best, least) = (judge.best, judge.least.iter().sum());
     let mut cost = |settings| judge.cost(Making { settings, ..best });
-    let settings = best.settings.fitted(model.gaussians.sh_degree, CLEARLY, &mut cost)?;
+    let settings = best.settings.fitted(model.gaussians.sh_degree, CLEARLY, least, &mut cost)?;
     judge.stage.draw_as(model, Making { settings, ..best })
 }
 

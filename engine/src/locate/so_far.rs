@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use super::align::Fit;
 use super::pose::{Middle, Pose};
-use super::stage::Making;
 use crate::base::digest::Digest;
 use crate::base::files::bad_data;
 use crate::base::output::{AtomicFile, Existing};
 use crate::base::tensor_file::TensorFile;
 use crate::error::EngineError;
+use crate::render::making::Making;
 
 /// `format` entry of a checkpoint.
 const FORMAT: &str = "guard4d.locating/4";

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use glam::DVec3;
 use guard4d_kernels::splat::rules::{Opacity, Rules};
 use guard4d_kernels::{Buffer, Device};
-use serde::{Deserialize, Serialize};
 
 use super::gray::Gray;
 use super::merged::merged;
@@ -14,6 +13,7 @@ use super::thumbnail::Thumbnail;
 use crate::base::numbers::narrow;
 use crate::error::EngineError;
 use crate::render::deform::{DeformField, MixedField, SplatState};
+use crate::render::making::Making;
 use crate::render::profile::Viewer;
 use crate::render::settings::Settings;
 use crate::render::{FrameMut, FramePlan, OffsetBases, Offsets, Prune, Renderer};
@@ -53,22 +53,6 @@ pub enum About {
     Middle,
     /// What each camera sees: they stand within the scene, and its middle may be behind them.
     Seen,
-}
-
-/// How a film was made.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Making {
-    /// By whose renderer it was drawn, and how that was set.
-    #[serde(flatten)]
-    pub settings: Settings,
-    /// How many times as large as it is, along a side: it may have been made smaller since.
-    pub times: u32,
-}
-
-impl Default for Making {
-    fn default() -> Self {
-        Self { settings: Viewer::Reference.into(), times: 1 }
-    }
 }
 
 /// The asset as a renderer has it.

@@ -1,6 +1,7 @@
 //! Rendering of clips, linear in the colours: plan a view once, then blend and differentiate it often.
 
 pub mod deform;
+pub mod making;
 mod plan;
 pub mod profile;
 mod renderer;

@@ -20,7 +20,7 @@ pub struct Settings {
     /// What it adds to both variances of a splat on the image, px², where that is not what it usually adds. A film
     /// that was made smaller has less, whoever drew it.
     pub dilation: Option<f32>,
-    /// Highest degree of the spherical harmonics that it draws, where that is lower than usual.
+    /// Highest degree of the spherical harmonics that it draws, where that is not its usual one.
     pub sh_degree: Option<u32>,
 }
 
@@ -48,7 +48,7 @@ impl Settings {
     }
 
     /// Those of the same renderer at which pictures of an asset with harmonics up to `sh_degree` cost least, if that is
-    /// less than `clearly` times what they cost at these, and these else.
+    /// less than `clearly` times `own_cost`, what they cost at these, and these else.
     ///
     /// # Errors
     /// Those of `cost`.
@@ -56,9 +56,10 @@ impl Settings {
         self,
         sh_degree: u32,
         clearly: f64,
+        own_cost: f64,
         cost: &mut impl FnMut(Self) -> Result<f64, E>,
     ) -> Result<Self, E> {
-        let (mut best, mut least) = (self, cost(self)?);
+        let (mut best, mut least) = (self, own_cost);
         for degree in 0..sh_degree.min(self.profile().storage.sh_degree) {
             let lower = Self { sh_degree: Some(degree), ..self };
             let costs = cost(lower)?;
