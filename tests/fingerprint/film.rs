@@ -16,6 +16,7 @@ use guard4d_engine::media::encode::{EncodeOptions, write_video};
 use guard4d_engine::media::{Frame, ReadOptions, read_clip};
 use guard4d_engine::picture::metrics::{Picture, PsnrSummary, SquaredError};
 use guard4d_engine::render::SceneRenderer;
+use guard4d_engine::render::making::Making;
 use guard4d_engine::render::profile::Viewer;
 use guard4d_engine::render::settings::Settings;
 use guard4d_engine::scene::camera::paths::{Lens, Orbit};
@@ -55,7 +56,7 @@ pub(super) fn film(gpu: &Gpu, model: &Model, sh_coeffs: Vec<f32>, shots: &[(Came
 fn film_by(gpu: &Gpu, model: &Model, sh_coeffs: Vec<f32>, shots: &[(Camera, f32)], look: &Look) -> Vec<Frame> {
     let mut gaussians = model.gaussians.clone();
     gaussians.sh_coeffs = sh_coeffs;
-    let profile = look.settings.profile();
+    let profile = look.making.settings.profile();
     let mut renderer =
         SceneRenderer::by_profile(gpu, &gaussians, &model.motion, look.background, &profile).expect("a renderer");
     let mut frames = Vec::new();
@@ -144,18 +145,17 @@ fn a_film_is_compared_as_it_was_drawn() {
     };
     let own = Look::of(&model);
     let usual = score(&film(&gpu, &model, issue.stamp(LEAKED), &shots), &mut None);
-    let viewer = Look { settings: Viewer::GaussianSplats3d.into(), ..own };
+    let by = |settings: Settings| Look { making: Making { settings, times: 1 }, ..own };
+    let viewer = by(Viewer::GaussianSplats3d.into());
     let green = Look { background: [0.1, 0.55, 0.2], ..own };
-    let thin = Look { settings: Settings { dilation: Some(0.04), ..Viewer::Gsplat.into() }, ..own };
+    let thin = by(Settings { dilation: Some(0.04), ..Viewer::Gsplat.into() });
     for look in [own, viewer, green, thin] {
         let frames = film_by(&gpu, &model, issue.stamp(LEAKED), &shots, &look);
         let mut told = None;
         let of_film = score(&frames, &mut told);
         let told = told.expect("the first frame tells");
-        if look != thin {
-            assert_eq!((told.settings, told.detail), (look.settings, look.detail));
-        }
-        let [dilation, wanted] = [told, look].map(|look| look.settings.profile().rules.dilation);
+        assert!(look == thin || told.making == look.making, "{told:?} of {look:?}");
+        let [dilation, wanted] = [told, look].map(|look| look.making.settings.profile().rules.dilation);
         // Widths of 0.20 px and 0.28.
         assert!((dilation - wanted).abs() < 0.04, "{told:?} of {look:?}");
         let off = largest(told.background.iter().zip(look.background).map(|(a, b)| (a - b).abs()));

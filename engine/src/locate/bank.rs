@@ -30,10 +30,9 @@ const LEAST_INSIDE: f32 = 0.3;
 const LITTLE: f32 = 1e-3;
 /// How much differences of colour count beside those of brightness, which are larger in most pictures.
 const COLOUR: f32 = 2.0;
-/// Guesses that are looked at more closely; how far views between are turned; and how far sizes are from one that was
-/// found, as logarithms.
-const CLOSER: usize = 4;
-const TURNED_DEG: f64 = 7.0;
+/// How far views are turned that are looked at between those of the bank, from far to near; and how far sizes are from
+/// one that was found, as logarithms.
+const TURNED_DEG: [f64; 2] = [7.0, 3.5];
 const NEAR_SIZE: f64 = 0.3;
 /// Directions that are nearer than this count as one guess, as the cosine of some 20 degrees; and moments.
 const SAME_VIEW: f64 = 0.94;
@@ -206,8 +205,8 @@ impl Bank {
         Ok(Self { seen })
     }
 
-    /// The `count` best guesses at what a frame shows, of views of the bank that are not the same; the few best are
-    /// looked at more closely. Best first.
+    /// The `count` best guesses at what a frame shows, of views of the bank that are not the same, looked at more
+    /// closely. Best first.
     ///
     /// # Errors
     /// When memory runs out or the device fails.
@@ -231,27 +230,19 @@ impl Bank {
                 break;
             }
         }
-        let mut guesses = Vec::new();
-        for (number, found) in kept.into_iter().enumerate() {
-            guesses.push(if number < CLOSER { Self::closer(stage, &levels, found)? } else { found.guess });
+        let mut closer: Vec<Closer<'_>> = kept.iter().map(|found| Closer::new(found, &levels)).collect();
+        for step in steps_around(stage.moves()) {
+            let mut beside = Vec::new();
+            for guess in &closer {
+                for step in [step, step.map(|by| -by)] {
+                    beside.push(Seen::of(stage, guess.view.moved(&step))?);
+                }
+            }
+            closer.par_iter_mut().zip(beside.par_chunks(2)).for_each(|(guess, beside)| guess.look_at(beside));
         }
+        let mut guesses: Vec<Guess> = closer.into_iter().map(|closer| closer.guess).collect();
         guesses.sort_by(|a, b| b.likeness.total_cmp(&a.likeness));
         Ok(guesses)
-    }
-
-    /// The best of a guess and of those around it: the views between it and the next ones of the bank, turned a little
-    /// either way and at moments between.
-    fn closer(stage: &mut Stage, levels: &[Level], Found { seen, guess }: Found<'_>) -> Result<Guess, EngineError> {
-        let is_near = |level: &&Level| (level.larger() - guess.larger).abs() < NEAR_SIZE;
-        let levels: Vec<&Level> = levels.iter().filter(is_near).collect();
-        let about = seen.pose;
-        let mut seen = Vec::new();
-        for step in steps_around(stage.moves()) {
-            seen.extend(Seen::of(stage, about.moved(&step))?);
-        }
-        let found = seen.par_iter().filter_map(|seen| best(levels.iter().filter_map(|level| level.find(seen))));
-        let found: Vec<Guess> = found.collect();
-        Ok(best(found.into_iter().chain([guess])).unwrap_or(guess))
     }
 
     /// Where each view is most like the frame, the likest first.
@@ -279,23 +270,18 @@ fn best(guesses: impl Iterator<Item = Guess>) -> Option<Guess> {
     guesses.max_by(|a, b| a.likeness.total_cmp(&b.likeness))
 }
 
-/// From a view to those between it and the next: turns of half as much as they are apart about each axis, and a third
-/// of the way to other moments.
-fn steps_around(moves: bool) -> Vec<[f64; PARAMETERS]> {
-    let turn = TURNED_DEG.to_radians();
-    let mut ways = vec![(0, turn), (1, turn), (2, turn)];
-    if moves {
-        ways.push((TIME, 1.0 / f64::from(3 * (MOMENTS - 1))));
-    }
-    ways.into_iter().fold(vec![[0.0; PARAMETERS]], |steps, (parameter, by)| {
-        let beside = |step: [f64; PARAMETERS]| {
-            [-by, 0.0, by].map(|by| {
-                let mut step = step;
-                step[parameter] = by;
-                step
-            })
-        };
-        steps.into_iter().flat_map(beside).collect()
+/// From a view to those between it and the next, one after the other: to moments between, as far as the next turn about
+/// each axis, and again half as far.
+fn steps_around(moves: bool) -> impl Iterator<Item = [f64; PARAMETERS]> {
+    let moment = 1.0 / f64::from(3 * (MOMENTS - 1));
+    TURNED_DEG.into_iter().flat_map(move |turned| {
+        let (turn, part) = (turned.to_radians(), turned / TURNED_DEG[0]);
+        let ways = moves.then_some((TIME, moment * part)).into_iter().chain((0..3).map(move |axis| (axis, turn)));
+        ways.map(|(parameter, by)| {
+            let mut step = [0.0; PARAMETERS];
+            step[parameter] = by;
+            step
+        })
     })
 }
 
@@ -303,6 +289,31 @@ fn steps_around(moves: bool) -> Vec<[f64; PARAMETERS]> {
 struct Found<'a> {
     seen: &'a Seen,
     guess: Guess,
+}
+
+/// The likest of a view of the bank and those around it.
+struct Closer<'a> {
+    view: Pose,
+    guess: Guess,
+    /// The frame at sizes near the one that was found.
+    levels: Vec<&'a Level>,
+}
+
+impl<'a> Closer<'a> {
+    fn new(Found { seen, guess }: &Found<'_>, levels: &'a [Level]) -> Self {
+        let is_near = |level: &&Level| (level.larger() - guess.larger).abs() < NEAR_SIZE;
+        Self { view: seen.pose, guess: *guess, levels: levels.iter().filter(is_near).collect() }
+    }
+
+    /// Goes on from whichever of these views is likelier.
+    fn look_at(&mut self, views: &[Option<Seen>]) {
+        for seen in views.iter().flatten() {
+            let found = best(self.levels.iter().filter_map(|level| level.find(seen)));
+            if let Some(guess) = found.filter(|guess| guess.likeness > self.guess.likeness) {
+                (self.view, self.guess) = (seen.pose, guess);
+            }
+        }
+    }
 }
 
 /// As large as the larger pictures.

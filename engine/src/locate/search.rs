@@ -16,6 +16,9 @@ const CLOSER: [usize; 2] = [5, 2];
 const ALIKE: usize = 3;
 /// The lens that a guess is looked at through, as a field of view of the longer side, degrees.
 const LENS_DEG: f64 = 40.0;
+/// Likeness from which on a pose is tried at other moments, too. Those that ended well had 0.8 and more before, and half
+/// of those for another asset less than this.
+const LIKELY: f64 = 0.6;
 /// Parts of the motion, at the ends of which a pose is fitted, and how many of these are looked at closer.
 const SWEPT: f64 = 32.0;
 const ALIKE_IN_SWEEP: usize = 5;
@@ -75,7 +78,7 @@ pub fn anywhere(stage: &mut Stage, bank: &Bank, picture: &Picture, edges: Edges)
         fits = closer;
     }
     match fits.into_iter().max_by(|a, b| a.correlation.total_cmp(&b.correlation)) {
-        Some(best) if stage.moves() => Ok(Some(at_any_moment(stage, frame, best)?)),
+        Some(best) if stage.moves() && best.correlation >= LIKELY => Ok(Some(at_any_moment(stage, frame, best)?)),
         best => Ok(best),
     }
 }
