@@ -16,8 +16,8 @@ pub struct Making {
 }
 
 impl Making {
-    /// How many times as large films are taken to have been drawn, the likelier first: splats are drawn no narrower than
-    /// a pixel, so that it shows.
+    /// How many times as large films are taken to have been drawn, the likelier first. It shows, as splats are drawn no
+    /// narrower than a pixel.
     pub const TIMES: [u32; 2] = [1, 2];
 }
 
