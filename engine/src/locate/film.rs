@@ -149,7 +149,7 @@ impl Locator {
             self.stage.draw_as(model, so_far.making)?;
             let done = work.done + 2 * shot.len() as u64;
             let begun = if number == longest { first } else { self.first(&frames[shot.clone()], &mut work)? };
-            let fits = match begun.filter(|begun| begun.fit.0.correlation >= FOUND) {
+            let fits = match begun.filter(|begun| begun.likeness >= FOUND) {
                 Some(begun) => {
                     let shot = Shot { model, frames: &frames[shot.clone()], begun };
                     self.shot(shot, &mut so_far.searches, &mut work)?
@@ -161,8 +161,9 @@ impl Locator {
             keep(&so_far)?;
             work.done = done;
         }
+        let guess = first.map(|begun| Fit { correlation: begun.likeness, ..begun.fit.0 });
         let frames = so_far.shots.concat().into_iter().map(|fit| fit.map(|Exactly(fit)| fit)).collect();
-        Ok(Track { frames, shots, is_mirrored, guess: first.map(|begun| begun.fit.0), making: so_far.making })
+        Ok(Track { frames, shots, is_mirrored, guess, making: so_far.making })
     }
 
     /// Looks for the asset in a shot, and for its mirror image if that is not plainly found.
@@ -232,13 +233,14 @@ impl Locator {
         Ok(best)
     }
 
-    /// How like the original a frame is that may be found: small pictures alone leave that open.
+    /// How like the original a frame is that may be found: small pictures alone leave that open, and of a close-up they
+    /// have so few pixels that another asset may be alike in them.
     fn closely(&mut self, frame: &Picture, fit: Fit) -> Result<f64, EngineError> {
-        if !(FOUND..GOOD).contains(&fit.correlation) {
+        if fit.correlation < FOUND {
             return Ok(fit.correlation);
         }
-        let closer = align(&mut self.stage, &frame.gray, &fit.pose, TELL)?;
-        Ok(fit.correlation.max(closer.correlation))
+        let closer = align(&mut self.stage, &frame.gray, &fit.pose, TELL)?.correlation;
+        Ok(if closer < FOUND { closer } else { closer.max(fit.correlation) })
     }
 
     /// A frame beside one that is known: from there, from where the last step leads, or from anywhere if it is not
